@@ -1,0 +1,168 @@
+/*
+ * A signed distance field in memory.
+ *
+ * Grid space: 1 unit = 1 voxel; sample (i,j,k) lies at grid position (i,j,k), voxel (i,j,k) spans [i,i+1]x[j,j+1]x[k,k+1].
+ * World position = origin + grid position * voxel_size, per axis, in double.
+ * Values are signed distances in world units, negative inside. Inside means value < iso; zero is outside.
+ * Voxel corner c in 0..7 is the sample at voxel + (c & 1, c >> 1 & 1, c >> 2).
+ * All arrays run x fastest, then y, then z.
+ *
+ * The field owns its memory: build it through df_field_own or read it, and release it with df_field_free. A zeroed
+ * struct is an empty field. After df_field_finish (or a read) it is constant and may be shared by threads.
+ */
+#ifndef DF_FIELD_H
+#define DF_FIELD_H
+
+#include "common/status.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum df_field_kind {
+    DF_FIELD_DENSE = 1,  /* every sample: (P+1)(Q+1)(R+1) */
+    DF_FIELD_BRICKS = 2, /* a coarse grid of cells of k*k*k voxels; where the surface is, a brick of (k+1)^3 samples */
+    DF_FIELD_ADF = 3,    /* octree of cells, 8 corner values each */
+} df_field_kind;
+
+typedef enum df_sample_type {
+    DF_SAMPLE_F32 = 1,
+    DF_SAMPLE_U16 = 2, /* (q - 32768) * 2^exponent */
+    DF_SAMPLE_U8 = 3,  /* (q - 128) * 2^exponent */
+} df_sample_type;
+
+/* Values of df_field.cells for coarse cells without a brick: no voxel of the cell is crossed by the surface. */
+#define DF_CELL_OUTSIDE 0xFFFFFFFFu
+#define DF_CELL_INSIDE 0xFFFFFFFEu
+#define DF_BRICK_COUNT_MAX 0xFFFFFFF0u
+
+/* The longest side a field may have, in voxels. */
+#define DF_VOXEL_COUNT_MAX 65536u
+
+typedef enum df_verdict {
+    DF_VERDICT_UNKNOWN = 0, /* nobody has looked, as for an imported field */
+    DF_VERDICT_CERTAIN = 1,
+    DF_VERDICT_REPAIRED = 2,
+    DF_VERDICT_UNCERTAIN = 3,
+} df_verdict;
+
+typedef struct df_field {
+    df_field_kind kind;
+    df_sample_type sample_type;
+    uint32_t voxel_count[3]; /* P, Q, R: each 1 to DF_VOXEL_COUNT_MAX */
+    double voxel_size[3];    /* world units, > 0 */
+    double origin[3];        /* world position of sample (0,0,0) */
+    float value_min, value_max; /* over all stored samples, decoded */
+    df_verdict verdict;         /* of the signs */
+    double error_max, error_rms; /* measured against the source over surface cells, world units; negative: not measured */
+
+    const void *samples;    /* of sample_type; dense: by sample; bricks: brick_count * (k+1)^3 */
+    uint64_t sample_count;
+    int32_t step_exponent;  /* u16 and u8 dense: the step is 2^step_exponent; 0 otherwise */
+
+    /* Bricks; zero and NULL for other kinds. Where voxel_count is no multiple of k the last cells reach over the end:
+     * samples there repeat the last one, and voxels there are never surface voxels. */
+    uint32_t brick_size;             /* k: 4 or 8 */
+    uint32_t cell_count[3];          /* ceil(voxel_count / k) */
+    uint32_t brick_count;
+    const uint32_t *cells;           /* by coarse cell: brick index, DF_CELL_OUTSIDE or DF_CELL_INSIDE; bricks are numbered in
+                                        the order of their cells */
+    const uint32_t *brick_cells;     /* by brick: the linear index of its coarse cell */
+    const float *brick_ranges;       /* by brick: minimum, maximum of its samples, decoded */
+    const uint64_t *brick_masks;     /* by brick: df_brick_mask_words(k) words; bit x + k*(y + k*z) of the k^3 bits is set
+                                        when the corners of that voxel lie on both sides of iso 0 */
+    const int8_t *brick_exponents;   /* by brick, u16 and u8: its step is 2^exponent; NULL for f32 */
+
+    const char *provenance; /* JSON object, UTF-8, zero-terminated; never NULL after finish or read */
+
+    void *blocks[12]; /* what df_field_free releases */
+    uint32_t block_count;
+    void *mapping; /* of a file read with DF_READ_MAP */
+    size_t mapping_size;
+    uint32_t checksum; /* of the file that was read or written: identifies its content (FORMAT.md); 0 before */
+} df_field;
+
+/* Releases all that the field owns and empties it. */
+void df_field_free(df_field *field);
+
+
+/* Hands a malloc'ed block over to the field. */
+void df_field_own(df_field *field, void *block);
+
+/* Completes a field whose dimensions, samples, cells, brick_size, brick_count and brick_exponents are set: derives cell_count,
+ * sample_count, brick_cells, brick_ranges, brick_masks, value_min and value_max. Fails with DF_ERROR_FORMAT where an invariant of
+ * this header does not hold (dimensions, brick order, non-finite samples); `name` stands for the field in messages. */
+df_status df_field_finish(df_field *field, const char *name, df_error *err);
+
+static inline uint32_t df_brick_mask_words(uint32_t brick_size) {
+    return brick_size == 8 ? 8 : 1;
+}
+
+/* Bytes of one sample of a type. */
+static inline size_t df_sample_size(df_sample_type type) {
+    return type == DF_SAMPLE_F32 ? 4 : type == DF_SAMPLE_U16 ? 2 : 1;
+}
+
+/* The number of samples in a dense field or a set of bricks. */
+static inline uint64_t df_dense_sample_count(const uint32_t voxel_count[3]) {
+    return ((uint64_t)voxel_count[0] + 1) * ((uint64_t)voxel_count[1] + 1) * ((uint64_t)voxel_count[2] + 1);
+}
+static inline uint32_t df_brick_sample_count(uint32_t brick_size) {
+    return (brick_size + 1) * (brick_size + 1) * (brick_size + 1);
+}
+
+/* Names as they stand in options, reports and provenance: "dense", "bricks", "adf"; "f32", "u16", "u8";
+ * "unknown", "certain", "repaired", "uncertain". */
+const char *df_field_kind_name(df_field_kind kind);
+const char *df_sample_type_name(df_sample_type type);
+const char *df_verdict_name(df_verdict verdict);
+
+/* 2^exponent, exact, for -126..127. */
+float df_power_of_two(int exponent);
+
+/* The decoded sample at `index` of the samples array, for a step of 2^exponent. */
+float df_field_decode(const df_field *field, uint64_t index, int exponent);
+
+/* The 8 corner values of a voxel, voxel[a] < voxel_count[a]. Returns true when the field stores them; otherwise false, and
+ * all corners are +INFINITY (outside) or -INFINITY (inside). Dense and bricks only. */
+bool df_field_corners(const df_field *field, const uint32_t voxel[3], float corners[8]);
+
+/* One sample, sample[a] <= voxel_count[a]; otherwise like df_field_corners. A sample shared by a brick and a cell
+ * without one is stored. */
+bool df_field_sample(const df_field *field, const uint32_t sample[3], float *value);
+
+/* True where the corners lie on both sides of iso: some < iso, some not. */
+bool df_corners_straddle(const float corners[8], float iso);
+
+/* Trilinear value and its gradient (per voxel) at `local` in [0,1]^3 of a voxel, in the convex form (1-t)a + tb. */
+double df_trilinear(const float corners[8], const double local[3]);
+void df_trilinear_gradient(const float corners[8], const double local[3], double gradient[3]);
+
+/* What a field says about a point. */
+typedef enum df_side { DF_SIDE_OUTSIDE, DF_SIDE_INSIDE, DF_SIDE_BEYOND /* not in the field's box */ } df_side;
+typedef struct df_point_info {
+    df_side side;
+    bool stored;  /* value and gradient are valid; where not, only the side is known */
+    bool surface; /* the point's voxel is a surface voxel */
+    double value; /* world units */
+    double gradient[3]; /* per world unit */
+} df_point_info;
+void df_field_query(const df_field *field, const double world[3], df_point_info *info);
+
+void df_field_world_to_grid(const df_field *field, const double world[3], double grid[3]);
+void df_field_grid_to_world(const df_field *field, const double grid[3], double world[3]);
+
+/* Counts the voxels whose corners straddle iso 0 (bricks: from the masks; dense: by looking). */
+uint64_t df_field_surface_voxel_count(const df_field *field);
+
+/* The values of iso for which a field's surface never leaves what is stored: *low < iso <= *high. Everything for dense. */
+void df_field_iso_range(const df_field *field, float *low, float *high);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

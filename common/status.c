@@ -1,0 +1,22 @@
+#include "common/status.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+df_status df_fail(df_error *err, df_status status, const char *format, ...) {
+    if (!err) return status;
+    err->status = status;
+    va_list args;
+    va_start(args, format);
+    vsnprintf(err->text, sizeof err->text, format, args);
+    va_end(args);
+    for (char *c = err->text; *c; c++) {
+        if ((unsigned char)*c < ' ') *c = ' '; /* names of files may hold anything; a message stays one line */
+    }
+    return status;
+}
+
+int df_exit_code(df_status status) {
+    if (status == DF_OK) return 0;
+    return status == DF_ERROR_USAGE ? 2 : 1;
+}

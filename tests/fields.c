@@ -1,0 +1,107 @@
+#include "fields.h"
+#include "common/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static float value_at(const uint32_t voxel_count[3], int64_t i, int64_t j, int64_t k, test_function function, const void *context) {
+    int64_t at[3] = {i, j, k};
+    double grid[3];
+    for (int a = 0; a < 3; a++) grid[a] = (double)(at[a] < 0 ? 0 : at[a] > voxel_count[a] ? (int64_t)voxel_count[a] : at[a]);
+    return (float)function(grid, context) + 0.0f;
+}
+
+static df_status make_dense(df_field *field, test_function function, const void *context, df_error *err) {
+    float *samples;
+    df_status status = df_alloc_raw((void **)&samples, df_dense_sample_count(field->voxel_count), sizeof *samples, "samples", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, samples);
+    field->samples = samples;
+    for (uint32_t k = 0; k <= field->voxel_count[2]; k++) {
+        for (uint32_t j = 0; j <= field->voxel_count[1]; j++) {
+            for (uint32_t i = 0; i <= field->voxel_count[0]; i++) {
+                *samples++ = value_at(field->voxel_count, i, j, k, function, context);
+            }
+        }
+    }
+    return df_field_finish(field, "test field", err);
+}
+
+/* True when a sample of the cell belongs to the 4x4x4 neighbourhood of a surface voxel. */
+static bool cell_is_needed(const df_field *field, const uint32_t cell[3], test_function function, const void *context) {
+    int64_t low[3], high[3]; /* surface voxels v whose samples v-1..v+2 meet the cell's samples */
+    for (int a = 0; a < 3; a++) {
+        low[a] = (int64_t)cell[a] * field->brick_size - 2;
+        high[a] = (int64_t)(cell[a] + 1) * field->brick_size + 1;
+        low[a] = low[a] < 0 ? 0 : low[a];
+        high[a] = high[a] >= field->voxel_count[a] ? (int64_t)field->voxel_count[a] - 1 : high[a];
+    }
+    for (int64_t z = low[2]; z <= high[2]; z++) {
+        for (int64_t y = low[1]; y <= high[1]; y++) {
+            for (int64_t x = low[0]; x <= high[0]; x++) {
+                float corners[8];
+                for (int c = 0; c < 8; c++) {
+                    corners[c] = value_at(field->voxel_count, x + (c & 1), y + (c >> 1 & 1), z + (c >> 2), function, context);
+                }
+                if (df_corners_straddle(corners, 0)) return true;
+            }
+        }
+    }
+    return false;
+}
+
+static df_status make_bricks(df_field *field, test_function function, const void *context, df_error *err) {
+    uint32_t k = field->brick_size, count[3], per_brick = df_brick_sample_count(k), *cells;
+    for (int a = 0; a < 3; a++) count[a] = (field->voxel_count[a] + k - 1) / k;
+    uint64_t cell_total = (uint64_t)count[0] * count[1] * count[2];
+    float *samples;
+    df_status status = df_alloc((void **)&cells, cell_total, sizeof *cells, "cells", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, cells);
+    field->cells = cells;
+    for (uint64_t c = 0; c < cell_total; c++) {
+        uint32_t cell[3] = {(uint32_t)(c % count[0]), (uint32_t)(c / count[0] % count[1]), (uint32_t)(c / count[0] / count[1])};
+        if (cell_is_needed(field, cell, function, context)) cells[c] = field->brick_count++;
+        else cells[c] = value_at(field->voxel_count, cell[0] * k, cell[1] * k, cell[2] * k, function, context) < 0 ? DF_CELL_INSIDE : DF_CELL_OUTSIDE;
+    }
+    status = df_alloc_raw((void **)&samples, (uint64_t)field->brick_count * per_brick, sizeof *samples, "samples", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, samples);
+    field->samples = samples;
+    for (uint64_t c = 0; c < cell_total; c++) {
+        if (cells[c] >= DF_CELL_INSIDE) continue;
+        int64_t cell[3] = {(int64_t)(c % count[0]), (int64_t)(c / count[0] % count[1]), (int64_t)(c / count[0] / count[1])};
+        for (uint32_t s = 0; s < per_brick; s++) {
+            *samples++ = value_at(field->voxel_count, cell[0] * k + s % (k + 1), cell[1] * k + s / (k + 1) % (k + 1),
+                                  cell[2] * k + s / (k + 1) / (k + 1), function, context);
+        }
+    }
+    return df_field_finish(field, "test field", err);
+}
+
+df_status test_field_from_function(df_field *field, df_field_kind kind, uint32_t brick_size, const uint32_t voxel_count[3],
+                                   test_function function, const void *context, df_error *err) {
+    *field = (df_field){.kind = kind, .sample_type = DF_SAMPLE_F32, .voxel_size = {1, 1, 1}, .error_max = -1, .error_rms = -1};
+    memcpy(field->voxel_count, voxel_count, sizeof field->voxel_count);
+    if (kind == DF_FIELD_BRICKS) field->brick_size = brick_size;
+    df_status status = kind == DF_FIELD_BRICKS ? make_bricks(field, function, context, err) : make_dense(field, function, context, err);
+    if (status != DF_OK) df_field_free(field);
+    return status;
+}
+
+typedef struct sphere {
+    double centre[3], radius;
+} sphere;
+
+static double sphere_distance(const double grid[3], const void *context) {
+    const sphere *s = context;
+    double x = grid[0] - s->centre[0], y = grid[1] - s->centre[1], z = grid[2] - s->centre[2];
+    return sqrt(x * x + y * y + z * z) - s->radius;
+}
+
+df_status test_field_sphere(df_field *field, df_field_kind kind, uint32_t brick_size, const uint32_t voxel_count[3],
+                            double radius, df_error *err) {
+    sphere s = {{voxel_count[0] / 2.0, voxel_count[1] / 2.0, voxel_count[2] / 2.0}, radius};
+    return test_field_from_function(field, kind, brick_size, voxel_count, sphere_distance, &s, err);
+}

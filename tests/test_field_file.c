@@ -1,0 +1,187 @@
+/* Claims about .dfield files: what is written is read back, and nothing damaged is ever read. */
+#include "common/field_file.h"
+#include "fields.h"
+
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static char folder[] = "/tmp/df_test_field_file_XXXXXX";
+static char path_a[64], path_b[64];
+
+static void *read_whole(const char *path, size_t *size) {
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    fseek(file, 0, SEEK_END);
+    *size = (size_t)ftell(file);
+    rewind(file);
+    void *bytes = malloc(*size);
+    assert_int_equal(fread(bytes, 1, *size, file), *size);
+    fclose(file);
+    return bytes;
+}
+
+static void write_whole(const char *path, const void *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(bytes, 1, size, file), size);
+    fclose(file);
+}
+
+static void make(df_field *field, df_field_kind kind) {
+    df_error err = {0};
+    const uint32_t voxels[3] = {10, 8, 13};
+    assert_int_equal(test_field_sphere(field, kind, 4, voxels, 3.3, &err), DF_OK);
+}
+
+static void round_trip(df_field_kind kind, df_read_mode mode) {
+    df_field field, back;
+    df_error err = {0};
+    make(&field, kind);
+    assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+    assert_int_equal(df_field_read(path_a, mode, &back, &err), DF_OK);
+    assert_int_equal(field.checksum, back.checksum);
+    assert_int_equal(df_field_write(&back, path_b, &err), DF_OK);
+    size_t size_a, size_b;
+    void *a = read_whole(path_a, &size_a), *b = read_whole(path_b, &size_b);
+    assert_int_equal(size_a, size_b);
+    assert_memory_equal(a, b, size_a);
+    free(a);
+    free(b);
+    df_field_free(&field);
+    df_field_free(&back);
+}
+
+static void dense_round_trip_is_byte_identical(void **state) {
+    (void)state;
+    round_trip(DF_FIELD_DENSE, DF_READ_COPY);
+    round_trip(DF_FIELD_DENSE, DF_READ_MAP);
+}
+
+static void bricks_round_trip_is_byte_identical(void **state) {
+    (void)state;
+    round_trip(DF_FIELD_BRICKS, DF_READ_COPY);
+    round_trip(DF_FIELD_BRICKS, DF_READ_MAP);
+}
+
+static void refuses(const void *bytes, size_t size, const char *what, size_t at) {
+    df_field field;
+    df_error err = {0};
+    write_whole(path_b, bytes, size);
+    df_status status = df_field_read(path_b, DF_READ_COPY, &field, &err);
+    if (status == DF_OK) fail_msg("%s at %zu was not noticed", what, at);
+    assert_true(strlen(err.text) > strlen(path_b));
+    assert_null(field.samples);
+}
+
+static void every_truncation_is_refused(void **state) {
+    (void)state;
+    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_BRICKS; kind++) {
+        df_field field;
+        df_error err = {0};
+        size_t size;
+        make(&field, (df_field_kind)kind);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        uint8_t *bytes = read_whole(path_a, &size);
+        for (size_t length = 0; length < size; length++) refuses(bytes, length, "truncation", length);
+        uint8_t *longer = calloc(1, size + 64);
+        memcpy(longer, bytes, size);
+        for (size_t more = 1; more <= 64; more++) refuses(longer, size + more, "extension", more);
+        free(longer);
+        free(bytes);
+        df_field_free(&field);
+    }
+}
+
+static void every_bit_flip_is_refused(void **state) {
+    (void)state;
+    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_BRICKS; kind++) {
+        df_field field;
+        df_error err = {0};
+        size_t size;
+        make(&field, (df_field_kind)kind);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        uint8_t *bytes = read_whole(path_a, &size);
+        int fd = open(path_a, O_RDWR);
+        for (size_t bit = 0; bit < size * 8; bit++) {
+            uint8_t flipped = (uint8_t)(bytes[bit / 8] ^ 1u << bit % 8);
+            assert_int_equal(pwrite(fd, &flipped, 1, (off_t)(bit / 8)), 1);
+            df_field back;
+            df_status status = df_field_read(path_a, bit % 2 ? DF_READ_COPY : DF_READ_MAP, &back, &err);
+            if (status == DF_OK) fail_msg("flip of bit %zu was not noticed", bit);
+            assert_int_equal(pwrite(fd, &bytes[bit / 8], 1, (off_t)(bit / 8)), 1);
+        }
+        close(fd);
+        free(bytes);
+        df_field back;
+        assert_int_equal(df_field_read(path_a, DF_READ_COPY, &back, &err), DF_OK);
+        df_field_free(&back);
+        df_field_free(&field);
+    }
+}
+
+static void samples_and_masks_agree_between_dense_and_bricks(void **state) {
+    (void)state;
+    df_field dense, bricks;
+    make(&dense, DF_FIELD_DENSE);
+    make(&bricks, DF_FIELD_BRICKS);
+    assert_int_equal(df_field_surface_voxel_count(&dense), df_field_surface_voxel_count(&bricks));
+    for (uint32_t z = 0; z < 13; z++) {
+        for (uint32_t y = 0; y < 8; y++) {
+            for (uint32_t x = 0; x < 10; x++) {
+                float a[8], b[8];
+                uint32_t voxel[3] = {x, y, z};
+                df_field_corners(&dense, voxel, a);
+                if (df_field_corners(&bricks, voxel, b)) assert_memory_equal(a, b, sizeof a);
+                else assert_false(df_corners_straddle(a, 0));
+                for (int c = 0; c < 8; c++) assert_int_equal(a[c] < 0, b[c] < 0);
+            }
+        }
+    }
+    df_field_free(&dense);
+    df_field_free(&bricks);
+}
+
+static void missing_and_special_files_are_refused(void **state) {
+    (void)state;
+    df_field field;
+    df_error err = {0};
+    assert_int_equal(df_field_read("/nowhere/x.dfield", DF_READ_COPY, &field, &err), DF_ERROR_IO);
+    assert_int_equal(df_field_read(folder, DF_READ_COPY, &field, &err), DF_ERROR_IO);
+    assert_int_equal(df_field_read("/dev/null", DF_READ_COPY, &field, &err), DF_ERROR_IO);
+    refuses("", 0, "nothing", 0);
+    refuses("plain text, no field", 20, "text", 0);
+}
+
+static int set_up(void **state) {
+    (void)state;
+    if (!mkdtemp(folder)) return 1;
+    snprintf(path_a, sizeof path_a, "%s/a.dfield", folder);
+    snprintf(path_b, sizeof path_b, "%s/b.dfield", folder);
+    return 0;
+}
+
+static int tear_down(void **state) {
+    (void)state;
+    unlink(path_a);
+    unlink(path_b);
+    return rmdir(folder); /* fails when a temporary was left behind */
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(dense_round_trip_is_byte_identical),
+        cmocka_unit_test(bricks_round_trip_is_byte_identical),
+        cmocka_unit_test(every_truncation_is_refused),
+        cmocka_unit_test(every_bit_flip_is_refused),
+        cmocka_unit_test(samples_and_masks_agree_between_dense_and_bricks),
+        cmocka_unit_test(missing_and_special_files_are_refused),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
