@@ -5,9 +5,10 @@
 #ifndef DF_FIELD_LAYOUT_H
 #define DF_FIELD_LAYOUT_H
 
+#include <assert.h>
 #include <stdint.h>
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the .dfield code needs a little-endian machine");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the .dfield code needs a little-endian machine");
 
 #define DF_FILE_MAGIC "\x89" "DFIELD\n"
 #define DF_FILE_VERSION 1u
@@ -49,7 +50,7 @@ typedef struct df_file_header {
     uint32_t table_crc;  /* CRC-32C of the section table */
     uint32_t header_crc; /* CRC-32C of the header up to here */
 } df_file_header;
-_Static_assert(sizeof(df_file_header) == 256, "header layout");
+static_assert(sizeof(df_file_header) == 256, "header layout");
 
 typedef struct df_file_section {
     uint32_t tag;
@@ -59,7 +60,7 @@ typedef struct df_file_section {
     uint32_t crc;    /* CRC-32C of the section CRCS; 0 for the others, which CRCS covers */
     uint32_t reserved;
 } df_file_section;
-_Static_assert(sizeof(df_file_section) == 32, "section layout");
+static_assert(sizeof(df_file_section) == 32, "section layout");
 
 static inline uint64_t df_file_align(uint64_t offset) {
     return (offset + DF_FILE_ALIGNMENT - 1) / DF_FILE_ALIGNMENT * DF_FILE_ALIGNMENT;

@@ -1,0 +1,89 @@
+#!/usr/bin/python3
+"""Reads a .dfield file into NumPy arrays: a second, independent reader of common/FORMAT.md.
+
+    field = read_dfield.read('bunny.dfield')
+    field['samples']            dense: array [z, y, x]; bricks: array [brick, z, y, x]; float32, decoded
+    field['cells']              bricks: array [z, y, x] of brick indices, OUTSIDE or INSIDE
+
+As a program: read_dfield.py FILE I J K prints one sample.
+"""
+import json
+import struct
+import sys
+
+import numpy as np
+
+OUTSIDE, INSIDE = 0xFFFFFFFF, 0xFFFFFFFE
+TABLE = list(range(256))  # CRC-32C by bytes
+for _ in range(8):
+    TABLE = [crc >> 1 ^ (0x82F63B78 if crc & 1 else 0) for crc in TABLE]
+
+
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc = crc >> 8 ^ TABLE[(crc ^ byte) & 255]
+    return crc ^ 0xFFFFFFFF
+
+
+def read(path, verify=False):
+    """verify=True also checks the checksums of the body; slow, as it is written in Python."""
+    data = open(path, 'rb').read()
+    if data[:8] != b'\x89DFIELD\n' or crc32c(data[:252]) != struct.unpack_from('<I', data, 252)[0]:
+        raise ValueError(path + ': not a .dfield file, or its header is damaged')
+    names = ('version endian_tag file_size section_count kind sample_type brick_size p q r verdict hx hy hz ox oy oz '
+             'value_min value_max step_exponent brick_count sample_count error_max error_rms').split()
+    head = dict(zip(names, struct.unpack_from('<IIQIIIIIIIIddddddffiIQdd', data, 8)))
+    table = data[256:256 + 32 * head['section_count']]
+    if crc32c(table) != struct.unpack_from('<I', data, 248)[0] or len(data) != head['file_size']:
+        raise ValueError(path + ': the section table is damaged, or the file has the wrong size')
+    sections = {}
+    for tag, flags, offset, size, crc, reserved in struct.iter_unpack('<4sIQQII', table):
+        sections[tag.decode()] = (offset, size)
+    if verify:
+        begin, block = (256 + len(table) + 63) // 64 * 64, 1 << 20
+        end, size = sections['CRCS']
+        for i, expected in enumerate(struct.unpack_from('<%dI' % (size // 4), data, end)):
+            if crc32c(data[begin + i * block:min(begin + (i + 1) * block, end)]) != expected:
+                raise ValueError('%s: block %d is damaged' % (path, i))
+
+    def section(tag, dtype):
+        offset, size = sections[tag]
+        return np.frombuffer(data, dtype, size // np.dtype(dtype).itemsize, offset)
+
+    dtype, zero = {1: ('<f4', 0), 2: ('<u2', 32768), 3: ('u1', 128)}[head['sample_type']]
+    raw = section('SAMP', dtype)
+    counts = (head['r'], head['q'], head['p'])
+    head['provenance'] = json.loads(bytes(section('PROV', 'u1')))
+    if head['kind'] == 1:
+        samples = raw.reshape([n + 1 for n in counts])
+        exponents = np.int32(head['step_exponent'])
+    elif head['kind'] == 2:
+        k = head['brick_size']
+        samples = raw.reshape(head['brick_count'], k + 1, k + 1, k + 1)
+        head['cells'] = section('CELL', '<u4').reshape([-(-n // k) for n in counts])
+        exponents = section('STEP', 'i1').astype(np.int32).reshape(-1, 1, 1, 1) if zero else 0
+    else:
+        raise ValueError('%s: kind %d is not read here' % (path, head['kind']))
+    head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), exponents) if zero else samples
+    return head
+
+
+def sample(field, i, j, k):
+    """The value at sample (i,j,k): a number, or +-infinity in a cell without a brick."""
+    if field['kind'] == 1:
+        return field['samples'][k, j, i]
+    size, cells, best = field['brick_size'], field['cells'], np.float32(np.nan)
+    for di, dj, dk in np.ndindex(2, 2, 2):  # a shared sample lies in up to 8 bricks; one of them is enough
+        cell = [(n - d) // size for n, d in ((k, dk), (j, dj), (i, di))]
+        if any(c < 0 or c >= limit for c, limit in zip(cell, cells.shape)):
+            continue
+        brick = cells[tuple(cell)]
+        if brick < INSIDE:
+            return field['samples'][brick, k - cell[0] * size, j - cell[1] * size, i - cell[2] * size]
+        best = np.float32(np.inf if brick == OUTSIDE else -np.inf)
+    return best
+
+
+if __name__ == '__main__':
+    print(repr(float(sample(read(sys.argv[1]), *map(int, sys.argv[2:5])))))
