@@ -66,6 +66,11 @@ static json_t *describe(const char *path, const df_field *field, const df_sectio
         json_object_set_new(json, "cells_inside", json_integer((json_int_t)inside));
         json_object_set_new(json, "cells_outside", json_integer((json_int_t)(cell_total - inside - field->brick_count)));
     }
+    if (field->kind == DF_FIELD_ADF) {
+        json_object_set_new(json, "levels", json_integer(field->level_count));
+        json_object_set_new(json, "families", json_integer(field->family_count));
+        json_object_set_new(json, "leaves", json_integer(7 * (json_int_t)field->family_count + 1));
+    }
     json_t *list = json_object();
     uint64_t bytes = 0;
     for (uint32_t i = 0; i < section_count; i++) {
@@ -95,6 +100,10 @@ static void print_text(const char *path, const df_field *field, const json_t *js
                " inside\n",
                field->brick_count, field->brick_size, json_integer_value(json_object_get(json, "cells_outside")),
                json_integer_value(json_object_get(json, "cells_inside")));
+    }
+    if (field->kind == DF_FIELD_ADF) {
+        printf("  octree        %u levels, %u families, %" PRIu64 " leaves\n", field->level_count, field->family_count,
+               7 * (uint64_t)field->family_count + 1);
     }
     printf("  signs         %s\n", df_verdict_name(field->verdict));
     if (field->error_max >= 0) {

@@ -26,7 +26,7 @@ extern "C" {
 typedef enum df_field_kind {
     DF_FIELD_DENSE = 1,  /* every sample: (P+1)(Q+1)(R+1) */
     DF_FIELD_BRICKS = 2, /* a coarse grid of cells of k*k*k voxels; where the surface is, a brick of (k+1)^3 samples */
-    DF_FIELD_ADF = 3,    /* octree of cells, 8 corner values each */
+    DF_FIELD_ADF = 3,    /* adaptively sampled: an octree whose leaves are as small as the error bound asks, 8 corners each */
 } df_field_kind;
 
 typedef enum df_sample_type {
@@ -39,6 +39,26 @@ typedef enum df_sample_type {
 #define DF_CELL_OUTSIDE 0xFFFFFFFFu
 #define DF_CELL_INSIDE 0xFFFFFFFEu
 #define DF_BRICK_COUNT_MAX 0xFFFFFFF0u
+
+/*
+ * The octree of an adaptively sampled distance field (ADF). The root cell is the cube of 2^level_count voxels at grid position
+ * (0,0,0); the field's box clips it. Cells are stored by families: the 8 children of one parent, child c at half side *
+ * (c & 1, c >> 1 & 1, c >> 2) of it. A family holds 3x3x3 samples: all corners of its children, and with its own 8 corners
+ * those of the parent, so that every level carries values. Family 0 holds the children of the root. Families are numbered
+ * breadth first, in the order of their parents; so a family's children that are families themselves follow each other.
+ */
+typedef struct df_family {
+    uint32_t first_child; /* the number of the first child family; 0 when there is none */
+    uint32_t states;      /* 2 bits a child, df_child_state; bits 16 to 31 are zero */
+} df_family;
+typedef enum df_child_state {
+    DF_CHILD_OUTSIDE = 0, /* leaf, no corner < 0 */
+    DF_CHILD_INSIDE = 1,  /* leaf, all corners < 0 */
+    DF_CHILD_SURFACE = 2, /* leaf, corners on both sides */
+    DF_CHILD_FAMILY = 3,  /* divided further */
+} df_child_state;
+#define DF_FAMILY_SAMPLE_COUNT 27u
+#define DF_LEVEL_COUNT_MAX 16u
 
 /* The longest side a field may have, in voxels. */
 #define DF_VOXEL_COUNT_MAX 65536u
@@ -60,7 +80,8 @@ typedef struct df_field {
     df_verdict verdict;         /* of the signs */
     double error_max, error_rms; /* measured against the source over surface cells, world units; negative: not measured */
 
-    const void *samples;    /* of sample_type; dense: by sample; bricks: brick_count * (k+1)^3 */
+    const void *samples;    /* of sample_type; dense: by sample; bricks: brick_count * (k+1)^3;
+                               adf: family_count * 27 */
     uint64_t sample_count;
     int32_t step_exponent;  /* u16 and u8 dense: the step is 2^step_exponent; 0 otherwise */
 
@@ -75,7 +96,12 @@ typedef struct df_field {
     const float *brick_ranges;       /* by brick: minimum, maximum of its samples, decoded */
     const uint64_t *brick_masks;     /* by brick: df_brick_mask_words(k) words; bit x + k*(y + k*z) of the k^3 bits is set
                                         when the corners of that voxel lie on both sides of iso 0 */
-    const int8_t *brick_exponents;   /* by brick, u16 and u8: its step is 2^exponent; NULL for f32 */
+    const int8_t *brick_exponents;   /* by brick or family, u16 and u8: its step is 2^exponent; NULL for f32 */
+
+    /* ADF; zero and NULL for other kinds. */
+    uint32_t level_count;            /* 1 to DF_LEVEL_COUNT_MAX; 2^level_count >= every voxel_count */
+    uint32_t family_count;
+    const df_family *families;
 
     const char *provenance; /* JSON object, UTF-8, zero-terminated; never NULL after finish or read */
 
@@ -93,9 +119,10 @@ void df_field_free(df_field *field);
 /* Hands a malloc'ed block over to the field. */
 void df_field_own(df_field *field, void *block);
 
-/* Completes a field whose dimensions, samples, cells, brick_size, brick_count and brick_exponents are set: derives cell_count,
- * sample_count, brick_cells, brick_ranges, brick_masks, value_min and value_max. Fails with DF_ERROR_FORMAT where an invariant of
- * this header does not hold (dimensions, brick order, non-finite samples); `name` stands for the field in messages. */
+/* Completes a field whose dimensions, samples, exponents and (bricks) cells, brick_size, brick_count or (adf) families, family_count,
+ * level_count are set: derives cell_count, sample_count, brick_cells, brick_ranges, brick_masks, value_min and value_max. Fails with
+ * DF_ERROR_FORMAT where an invariant of this header does not hold (dimensions, order of bricks and families, states of
+ * children, non-finite samples); `name` stands for the field in messages. */
 df_status df_field_finish(df_field *field, const char *name, df_error *err);
 
 static inline uint32_t df_brick_mask_words(uint32_t brick_size) {
@@ -128,7 +155,7 @@ float df_power_of_two(int exponent);
 float df_field_decode(const df_field *field, uint64_t index, int exponent);
 
 /* The 8 corner values of a voxel, voxel[a] < voxel_count[a]. Returns true when the field stores them; otherwise false, and
- * all corners are +INFINITY (outside) or -INFINITY (inside). Dense and bricks only. */
+ * all corners are +INFINITY (outside) or -INFINITY (inside). Not for ADF. */
 bool df_field_corners(const df_field *field, const uint32_t voxel[3], float corners[8]);
 
 /* One sample, sample[a] <= voxel_count[a]; otherwise like df_field_corners. A sample shared by a brick and a cell
@@ -137,6 +164,22 @@ bool df_field_sample(const df_field *field, const uint32_t sample[3], float *val
 
 /* True where the corners lie on both sides of iso: some < iso, some not. */
 bool df_corners_straddle(const float corners[8], float iso);
+
+/* A cell of the octree. */
+typedef struct df_adf_cell {
+    uint32_t corner[3]; /* lower corner, voxels */
+    uint32_t side;      /* voxels */
+    uint32_t family;    /* the family that holds its samples, and its number there */
+    uint32_t child;
+    df_child_state state;
+} df_adf_cell;
+
+/* The cell that holds a grid position in [0, 2^level_count]^3: a leaf, or the cell on level `level_limit` (1: children of the root) where the
+ * tree is deeper. A position on a face belongs to the upper cell, except at the end. */
+void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell);
+
+/* The 8 corner values of a child of a family. */
+void df_adf_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]);
 
 /* Trilinear value and its gradient (per voxel) at `local` in [0,1]^3 of a voxel, in the convex form (1-t)a + tb. */
 double df_trilinear(const float corners[8], const double local[3]);
@@ -147,7 +190,7 @@ typedef enum df_side { DF_SIDE_OUTSIDE, DF_SIDE_INSIDE, DF_SIDE_BEYOND /* not in
 typedef struct df_point_info {
     df_side side;
     bool stored;  /* value and gradient are valid; where not, only the side is known */
-    bool surface; /* the point's voxel is a surface voxel */
+    bool surface; /* the point's voxel (ADF: leaf) has corners on both sides */
     double value; /* world units */
     double gradient[3]; /* per world unit */
 } df_point_info;
@@ -156,10 +199,11 @@ void df_field_query(const df_field *field, const double world[3], df_point_info 
 void df_field_world_to_grid(const df_field *field, const double world[3], double grid[3]);
 void df_field_grid_to_world(const df_field *field, const double grid[3], double world[3]);
 
-/* Counts the voxels whose corners straddle iso 0 (bricks: from the masks; dense: by looking). */
+/* Counts the voxels (ADF: leaves) whose corners straddle iso 0. */
 uint64_t df_field_surface_voxel_count(const df_field *field);
 
-/* The values of iso for which a field's surface never leaves what is stored: *low < iso <= *high. Everything for dense. */
+/* The values of iso for which a field's surface never leaves what is stored: *low < iso <= *high. Everything for dense;
+ * for ADF just 0, as leaves are fine at that surface only. */
 void df_field_iso_range(const df_field *field, float *low, float *high);
 
 #ifdef __cplusplus

@@ -142,7 +142,7 @@ static const df_file_section *find_section(const source *file, uint32_t tag) {
 
 static df_status check_sections_known(const source *file, df_error *err) {
     static const uint32_t known[] = {DF_SECTION_CELLS, DF_SECTION_RANGES, DF_SECTION_MASKS, DF_SECTION_STEPS,
-                                     DF_SECTION_SAMPLES, DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
+                                     DF_SECTION_FAMILIES, DF_SECTION_SAMPLES, DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
     for (uint32_t i = 0; i < file->header.section_count; i++) {
         bool found = (file->sections[i].flags & DF_SECTION_OPTIONAL) != 0;
         for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) found = found || file->sections[i].tag == known[k];
@@ -261,9 +261,13 @@ static df_status copy_section(const source *file, df_field *field, uint32_t tag,
     return DF_OK;
 }
 
+static bool exponent_is_usable(int exponent) {
+    return exponent >= -126 && exponent <= 100;
+}
+
 static df_status fill_from_header(const source *file, df_field *field, df_error *err) {
     const df_file_header *header = &file->header;
-    if (header->kind != DF_FIELD_DENSE && header->kind != DF_FIELD_BRICKS) {
+    if (header->kind < DF_FIELD_DENSE || header->kind > DF_FIELD_ADF) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: kind %" PRIu32 " is not known to this program", file->path, header->kind);
     }
     if (header->sample_type < DF_SAMPLE_F32 || header->sample_type > DF_SAMPLE_U8) {
@@ -275,19 +279,21 @@ static df_status fill_from_header(const source *file, df_field *field, df_error 
     if (isnan(header->error_max) || isnan(header->error_rms)) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: the stored error is not a number", file->path);
     }
-    bool bricks = header->kind == DF_FIELD_BRICKS;
-    bool dense_step = !bricks && header->sample_type != DF_SAMPLE_F32;
-    if ((!bricks && (header->brick_size || header->brick_count)) || (!dense_step && header->step_exponent) ||
-        header->step_exponent < -126 || header->step_exponent > 100) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 ", %" PRIu32 " bricks, step 2^%" PRId32 " do not fit a %s field",
-                       file->path, header->brick_size, header->brick_count, header->step_exponent,
-                       df_field_kind_name((df_field_kind)header->kind));
+    bool dense = header->kind == DF_FIELD_DENSE;
+    bool dense_step = dense && header->sample_type != DF_SAMPLE_F32;
+    if ((header->kind != DF_FIELD_BRICKS && header->brick_size) || (header->kind != DF_FIELD_ADF && header->level_count) ||
+        (dense && header->block_count) || (!dense_step && header->step_exponent) || !exponent_is_usable(header->step_exponent)) {
+        return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 ", %" PRIu32 " blocks, %" PRIu32 " levels, step 2^%" PRId32
+                       " do not fit a %s field", file->path, header->brick_size, header->block_count, header->level_count,
+                       header->step_exponent, df_field_kind_name((df_field_kind)header->kind));
     }
     field->kind = (df_field_kind)header->kind;
     field->sample_type = (df_sample_type)header->sample_type;
     field->verdict = (df_verdict)header->verdict;
     field->brick_size = header->brick_size;
-    field->brick_count = header->brick_count;
+    if (header->kind == DF_FIELD_ADF) field->family_count = header->block_count;
+    else field->brick_count = header->block_count;
+    field->level_count = header->level_count;
     field->step_exponent = header->step_exponent;
     field->error_max = header->error_max;
     field->error_rms = header->error_rms;
@@ -318,6 +324,26 @@ static df_status take_provenance(const source *file, df_field *field, df_error *
     return DF_OK;
 }
 
+/* The exponents of bricks or families, and their samples. */
+static df_status take_block_samples(const source *file, df_field *field, uint32_t block_count, uint32_t samples_per_block, df_error *err) {
+    if (field->sample_type != DF_SAMPLE_F32) {
+        df_status status = copy_section(file, field, DF_SECTION_STEPS, block_count, 1, (const void **)&field->brick_exponents, err);
+        if (status != DF_OK) return status;
+        for (uint32_t b = 0; b < block_count; b++) {
+            if (exponent_is_usable(field->brick_exponents[b])) continue;
+            return df_fail(err, DF_ERROR_FORMAT, "%s: block %" PRIu32 " has a step of 2^%d", file->path, b, field->brick_exponents[b]);
+        }
+    }
+    return take_section(file, DF_SECTION_SAMPLES, (uint64_t)block_count * samples_per_block, df_sample_size(field->sample_type),
+                        &field->samples, err);
+}
+
+static df_status take_families(const source *file, df_field *field, df_error *err) {
+    df_status status = copy_section(file, field, DF_SECTION_FAMILIES, field->family_count, sizeof(df_family),
+                                    (const void **)&field->families, err);
+    return status == DF_OK ? take_block_samples(file, field, field->family_count, DF_FAMILY_SAMPLE_COUNT, err) : status;
+}
+
 static df_status take_bricks(const source *file, df_field *field, df_error *err) {
     uint32_t k = field->brick_size;
     uint64_t cell_total = 1;
@@ -325,16 +351,7 @@ static df_status take_bricks(const source *file, df_field *field, df_error *err)
     for (int a = 0; a < 3; a++) cell_total *= (field->voxel_count[a] + k - 1) / k;
     df_status status = copy_section(file, field, DF_SECTION_CELLS, cell_total, sizeof(uint32_t), (const void **)&field->cells, err);
     if (status != DF_OK) return status;
-    if (field->sample_type != DF_SAMPLE_F32) {
-        status = copy_section(file, field, DF_SECTION_STEPS, field->brick_count, 1, (const void **)&field->brick_exponents, err);
-        if (status != DF_OK) return status;
-        for (uint32_t b = 0; b < field->brick_count; b++) {
-            if (field->brick_exponents[b] >= -126 && field->brick_exponents[b] <= 100) continue;
-            return df_fail(err, DF_ERROR_FORMAT, "%s: brick %" PRIu32 " has a step of 2^%d", file->path, b, field->brick_exponents[b]);
-        }
-    }
-    return take_section(file, DF_SECTION_SAMPLES, (uint64_t)field->brick_count * df_brick_sample_count(k),
-                        df_sample_size(field->sample_type), &field->samples, err);
+    return take_block_samples(file, field, field->brick_count, df_brick_sample_count(k), err);
 }
 
 /* Compares what the file says about its samples with what the samples say. */
@@ -371,6 +388,8 @@ static df_status read_body(source *file, df_read_mode mode, df_field *field, df_
     if (status != DF_OK) return status;
     if (field->kind == DF_FIELD_BRICKS) {
         status = take_bricks(file, field, err);
+    } else if (field->kind == DF_FIELD_ADF) {
+        status = take_families(file, field, err);
     } else {
         status = take_section(file, DF_SECTION_SAMPLES, df_dense_sample_count(field->voxel_count),
                               df_sample_size(field->sample_type), &field->samples, err);

@@ -64,7 +64,8 @@ static void fill_header(const df_field *field, const layout *file, df_file_heade
     header->value_range[0] = field->value_min;
     header->value_range[1] = field->value_max;
     header->step_exponent = field->step_exponent;
-    header->brick_count = field->brick_count;
+    header->block_count = field->kind == DF_FIELD_ADF ? field->family_count : field->brick_count;
+    header->level_count = field->level_count;
     header->sample_count = field->sample_count;
     header->error_max = field->error_max;
     header->error_rms = field->error_rms;
@@ -80,6 +81,10 @@ static void add_field_sections(const df_field *field, layout *file) {
         add_section(file, DF_SECTION_RANGES, field->brick_ranges, (uint64_t)field->brick_count * 2 * sizeof(float));
         add_section(file, DF_SECTION_MASKS, field->brick_masks, words * sizeof *field->brick_masks);
         if (field->brick_exponents) add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->brick_count);
+    }
+    if (field->kind == DF_FIELD_ADF) {
+        add_section(file, DF_SECTION_FAMILIES, field->families, field->family_count * sizeof *field->families);
+        if (field->brick_exponents) add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->family_count);
     }
     add_section(file, DF_SECTION_SAMPLES, field->samples, field->sample_count * df_sample_size(field->sample_type));
     add_section(file, DF_SECTION_PROVENANCE, field->provenance, strlen(field->provenance));

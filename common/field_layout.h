@@ -21,6 +21,7 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the .dfield code needs
 #define DF_SECTION_RANGES DF_SECTION_TAG('R', 'A', 'N', 'G')
 #define DF_SECTION_MASKS DF_SECTION_TAG('M', 'A', 'S', 'K')
 #define DF_SECTION_STEPS DF_SECTION_TAG('S', 'T', 'E', 'P')
+#define DF_SECTION_FAMILIES DF_SECTION_TAG('F', 'A', 'M', 'I')
 #define DF_SECTION_SAMPLES DF_SECTION_TAG('S', 'A', 'M', 'P')
 #define DF_SECTION_PROVENANCE DF_SECTION_TAG('P', 'R', 'O', 'V')
 #define DF_SECTION_CHECKSUMS DF_SECTION_TAG('C', 'R', 'C', 'S')
@@ -42,11 +43,12 @@ typedef struct df_file_header {
     double origin[3];
     float value_range[2];
     int32_t step_exponent;
-    uint32_t brick_count;
+    uint32_t block_count; /* bricks or families */
     uint64_t sample_count;
     double error_max;
     double error_rms;
-    uint8_t reserved[104];
+    uint32_t level_count;
+    uint8_t reserved[100];
     uint32_t table_crc;  /* CRC-32C of the section table */
     uint32_t header_crc; /* CRC-32C of the header up to here */
 } df_file_header;

@@ -4,6 +4,7 @@
     field = read_dfield.read('bunny.dfield')
     field['samples']            dense: array [z, y, x]; bricks: array [brick, z, y, x]; float32, decoded
     field['cells']              bricks: array [z, y, x] of brick indices, OUTSIDE or INSIDE
+    field['families']           adf: array [family, (first_child, states)]; samples: array [family, z, y, x]
 
 As a program: read_dfield.py FILE I J K prints one sample.
 """
@@ -32,8 +33,8 @@ def read(path, verify=False):
     if data[:8] != b'\x89DFIELD\n' or crc32c(data[:252]) != struct.unpack_from('<I', data, 252)[0]:
         raise ValueError(path + ': not a .dfield file, or its header is damaged')
     names = ('version endian_tag file_size section_count kind sample_type brick_size p q r verdict hx hy hz ox oy oz '
-             'value_min value_max step_exponent brick_count sample_count error_max error_rms').split()
-    head = dict(zip(names, struct.unpack_from('<IIQIIIIIIIIddddddffiIQdd', data, 8)))
+             'value_min value_max step_exponent block_count sample_count error_max error_rms level_count').split()
+    head = dict(zip(names, struct.unpack_from('<IIQIIIIIIIIddddddffiIQddI', data, 8)))
     table = data[256:256 + 32 * head['section_count']]
     if crc32c(table) != struct.unpack_from('<I', data, 248)[0] or len(data) != head['file_size']:
         raise ValueError(path + ': the section table is damaged, or the file has the wrong size')
@@ -57,20 +58,20 @@ def read(path, verify=False):
     head['provenance'] = json.loads(bytes(section('PROV', 'u1')))
     if head['kind'] == 1:
         samples = raw.reshape([n + 1 for n in counts])
-        exponents = np.int32(head['step_exponent'])
     elif head['kind'] == 2:
         k = head['brick_size']
-        samples = raw.reshape(head['brick_count'], k + 1, k + 1, k + 1)
+        samples = raw.reshape(head['block_count'], k + 1, k + 1, k + 1)
         head['cells'] = section('CELL', '<u4').reshape([-(-n // k) for n in counts])
-        exponents = section('STEP', 'i1').astype(np.int32).reshape(-1, 1, 1, 1) if zero else 0
     else:
-        raise ValueError('%s: kind %d is not read here' % (path, head['kind']))
-    head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), exponents) if zero else samples
+        samples = raw.reshape(head['block_count'], 3, 3, 3)
+        head['families'] = section('FAMI', '<u4').reshape(-1, 2)
+    exponents = head['step_exponent'] if head['kind'] == 1 else section('STEP', 'i1').reshape(-1, 1, 1, 1) if zero else 0
+    head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), np.int32(exponents)) if zero else samples
     return head
 
 
 def sample(field, i, j, k):
-    """The value at sample (i,j,k): a number, or +-infinity in a cell without a brick."""
+    """The value at sample (i,j,k): a number, or +-infinity in a cell without a brick. Not for adf."""
     if field['kind'] == 1:
         return field['samples'][k, j, i]
     size, cells, best = field['brick_size'], field['cells'], np.float32(np.nan)

@@ -80,12 +80,89 @@ static df_status make_bricks(df_field *field, test_function function, const void
     return df_field_finish(field, "test field", err);
 }
 
+/* A family in the making. */
+typedef struct family_place {
+    uint32_t corner[3], side; /* of the parent cell */
+} family_place;
+
+static void sample_family(const family_place *place, test_function function, const void *context, float samples[27]) {
+    for (uint32_t s = 0; s < 27; s++) {
+        double half = place->side / 2.0;
+        double grid[3] = {place->corner[0] + half * (s % 3), place->corner[1] + half * (s / 3 % 3), place->corner[2] + half * (s / 9)};
+        samples[s] = (float)function(grid, context) + 0.0f;
+    }
+}
+
+static df_child_state family_child(const float samples[27], uint32_t child) {
+    int inside = 0;
+    for (uint32_t c = 0; c < 8; c++) {
+        uint32_t x = (child & 1) + (c & 1), y = (child >> 1 & 1) + (c >> 1 & 1), z = (child >> 2) + (c >> 2);
+        inside += samples[x + 3 * (y + 3 * z)] < 0;
+    }
+    return inside == 0 ? DF_CHILD_OUTSIDE : inside == 8 ? DF_CHILD_INSIDE : DF_CHILD_SURFACE;
+}
+
+/* True when the voxel samples of the closed cell lie on both sides. */
+static bool cell_is_mixed(const family_place *place, test_function function, const void *context) {
+    bool any[2] = {false, false};
+    for (uint32_t k = 0; k <= place->side; k++) {
+        for (uint32_t j = 0; j <= place->side; j++) {
+            for (uint32_t i = 0; i <= place->side; i++) {
+                double grid[3] = {place->corner[0] + i, place->corner[1] + j, place->corner[2] + k};
+                any[(float)function(grid, context) < 0] = true;
+            }
+        }
+    }
+    return any[0] && any[1];
+}
+
+static df_status make_adf(df_field *field, test_function function, const void *context, df_error *err) {
+    enum { FAMILY_MAX = 1 << 20 };
+    df_family *families;
+    family_place *places;
+    float *samples;
+    df_status status = df_alloc((void **)&places, FAMILY_MAX, sizeof *places, "places", err);
+    if (status == DF_OK) status = df_alloc((void **)&families, FAMILY_MAX, sizeof *families, "families", err);
+    if (status == DF_OK) df_field_own(field, families);
+    if (status == DF_OK) status = df_alloc((void **)&samples, FAMILY_MAX, 27 * sizeof *samples, "samples", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, samples);
+    for (field->level_count = 1; (1u << field->level_count) < field->voxel_count[0] || (1u << field->level_count) < field->voxel_count[1] ||
+                                 (1u << field->level_count) < field->voxel_count[2];) {
+        field->level_count++;
+    }
+    places[0].side = 1u << field->level_count;
+    uint32_t count = 1;
+    for (uint32_t f = 0; f < count; f++) {
+        sample_family(&places[f], function, context, samples + 27 * (size_t)f);
+        for (uint32_t child = 0; child < 8; child++) {
+            family_place place = {.side = places[f].side / 2};
+            df_child_state state = family_child(samples + 27 * (size_t)f, child);
+            for (int a = 0; a < 3; a++) place.corner[a] = places[f].corner[a] + (child >> a & 1) * place.side;
+            bool mixed = place.side > 1 && cell_is_mixed(&place, function, context);
+            if (mixed && count < FAMILY_MAX) {
+                state = DF_CHILD_FAMILY;
+                if (!families[f].first_child) families[f].first_child = count;
+                places[count++] = place;
+            }
+            families[f].states |= (uint32_t)state << 2 * child;
+        }
+    }
+    free(places);
+    field->families = families;
+    field->samples = samples;
+    field->family_count = count;
+    return df_field_finish(field, "test field", err);
+}
+
 df_status test_field_from_function(df_field *field, df_field_kind kind, uint32_t brick_size, const uint32_t voxel_count[3],
                                    test_function function, const void *context, df_error *err) {
     *field = (df_field){.kind = kind, .sample_type = DF_SAMPLE_F32, .voxel_size = {1, 1, 1}, .error_max = -1, .error_rms = -1};
     memcpy(field->voxel_count, voxel_count, sizeof field->voxel_count);
     if (kind == DF_FIELD_BRICKS) field->brick_size = brick_size;
-    df_status status = kind == DF_FIELD_BRICKS ? make_bricks(field, function, context, err) : make_dense(field, function, context, err);
+    df_status status = kind == DF_FIELD_BRICKS ? make_bricks(field, function, context, err)
+                       : kind == DF_FIELD_ADF  ? make_adf(field, function, context, err)
+                                               : make_dense(field, function, context, err);
     if (status != DF_OK) df_field_free(field);
     return status;
 }

@@ -12,6 +12,8 @@
 
 #include <cmocka.h>
 
+enum { SIZE_X = 8, SIZE_Y = 6, SIZE_Z = 9 };
+
 static char folder[] = "/tmp/df_test_field_file_XXXXXX";
 static char path_a[64], path_b[64];
 
@@ -36,8 +38,8 @@ static void write_whole(const char *path, const void *bytes, size_t size) {
 
 static void make(df_field *field, df_field_kind kind) {
     df_error err = {0};
-    const uint32_t voxels[3] = {10, 8, 13};
-    assert_int_equal(test_field_sphere(field, kind, 4, voxels, 3.3, &err), DF_OK);
+    const uint32_t voxels[3] = {SIZE_X, SIZE_Y, SIZE_Z};
+    assert_int_equal(test_field_sphere(field, kind, 4, voxels, 2.2, &err), DF_OK);
 }
 
 static void round_trip(df_field_kind kind, df_read_mode mode) {
@@ -70,6 +72,12 @@ static void bricks_round_trip_is_byte_identical(void **state) {
     round_trip(DF_FIELD_BRICKS, DF_READ_MAP);
 }
 
+static void adf_round_trip_is_byte_identical(void **state) {
+    (void)state;
+    round_trip(DF_FIELD_ADF, DF_READ_COPY);
+    round_trip(DF_FIELD_ADF, DF_READ_MAP);
+}
+
 static void refuses(const void *bytes, size_t size, const char *what, size_t at) {
     df_field field;
     df_error err = {0};
@@ -82,7 +90,7 @@ static void refuses(const void *bytes, size_t size, const char *what, size_t at)
 
 static void every_truncation_is_refused(void **state) {
     (void)state;
-    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_BRICKS; kind++) {
+    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_ADF; kind++) {
         df_field field;
         df_error err = {0};
         size_t size;
@@ -101,7 +109,7 @@ static void every_truncation_is_refused(void **state) {
 
 static void every_bit_flip_is_refused(void **state) {
     (void)state;
-    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_BRICKS; kind++) {
+    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_ADF; kind++) {
         df_field field;
         df_error err = {0};
         size_t size;
@@ -132,9 +140,9 @@ static void samples_and_masks_agree_between_dense_and_bricks(void **state) {
     make(&dense, DF_FIELD_DENSE);
     make(&bricks, DF_FIELD_BRICKS);
     assert_int_equal(df_field_surface_voxel_count(&dense), df_field_surface_voxel_count(&bricks));
-    for (uint32_t z = 0; z < 13; z++) {
-        for (uint32_t y = 0; y < 8; y++) {
-            for (uint32_t x = 0; x < 10; x++) {
+    for (uint32_t z = 0; z < SIZE_Z; z++) {
+        for (uint32_t y = 0; y < SIZE_Y; y++) {
+            for (uint32_t x = 0; x < SIZE_X; x++) {
                 float a[8], b[8];
                 uint32_t voxel[3] = {x, y, z};
                 df_field_corners(&dense, voxel, a);
@@ -146,6 +154,51 @@ static void samples_and_masks_agree_between_dense_and_bricks(void **state) {
     }
     df_field_free(&dense);
     df_field_free(&bricks);
+}
+
+static void full_octree_has_the_voxels_of_the_dense_field(void **state) {
+    (void)state;
+    df_field dense, adf;
+    make(&dense, DF_FIELD_DENSE);
+    make(&adf, DF_FIELD_ADF);
+    assert_int_equal(df_field_surface_voxel_count(&dense), df_field_surface_voxel_count(&adf));
+    for (uint32_t i = 0; i < SIZE_X * SIZE_Y * SIZE_Z; i++) {
+        uint32_t voxel[3] = {i % SIZE_X, i / SIZE_X % SIZE_Y, i / (SIZE_X * SIZE_Y)};
+        double middle[3] = {voxel[0] + 0.5, voxel[1] + 0.5, voxel[2] + 0.5};
+        float a[8], b[8];
+        df_adf_cell cell;
+        df_field_corners(&dense, voxel, a);
+        df_adf_find(&adf, middle, DF_LEVEL_COUNT_MAX, &cell);
+        df_adf_corners(&adf, cell.family, cell.child, b);
+        assert_int_equal(cell.state == DF_CHILD_SURFACE, df_corners_straddle(a, 0));
+        if (cell.state != DF_CHILD_SURFACE) continue;
+        assert_int_equal(cell.side, 1);
+        assert_memory_equal(cell.corner, voxel, sizeof voxel);
+        assert_memory_equal(a, b, sizeof a);
+    }
+    df_field_free(&dense);
+    df_field_free(&adf);
+}
+
+static void an_octree_with_a_wrong_link_is_refused(void **state) {
+    (void)state;
+    df_field field;
+    df_error err = {0};
+    make(&field, DF_FIELD_ADF);
+    df_family *families = (df_family *)field.families;
+    for (uint32_t f = 0; f < field.family_count; f++) {
+        for (int bit = 0; bit < 64; bit++) {
+            uint32_t *word = bit < 32 ? &families[f].first_child : &families[f].states;
+            *word ^= 1u << bit % 32;
+            if (df_field_finish(&field, "damaged", &err) == DF_OK) fail_msg("family %u bit %d", f, bit);
+            *word ^= 1u << bit % 32;
+        }
+    }
+    field.family_count--;
+    assert_int_equal(df_field_finish(&field, "damaged", &err), DF_ERROR_FORMAT);
+    field.family_count++;
+    assert_int_equal(df_field_finish(&field, "whole", &err), DF_OK);
+    df_field_free(&field);
 }
 
 static void missing_and_special_files_are_refused(void **state) {
@@ -178,6 +231,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(dense_round_trip_is_byte_identical),
         cmocka_unit_test(bricks_round_trip_is_byte_identical),
+        cmocka_unit_test(adf_round_trip_is_byte_identical),
+        cmocka_unit_test(full_octree_has_the_voxels_of_the_dense_field),
+        cmocka_unit_test(an_octree_with_a_wrong_link_is_refused),
         cmocka_unit_test(every_truncation_is_refused),
         cmocka_unit_test(every_bit_flip_is_refused),
         cmocka_unit_test(samples_and_masks_agree_between_dense_and_bricks),
