@@ -1,6 +1,10 @@
 /* df-info: what a .dfield file holds. */
 #include "common/field_file.h"
+#include "common/image.h"
 #include "common/interrupt.h"
+#include "common/options.h"
+#include "common/output_file.h"
+#include "common/slice.h"
 #include "common/version.h"
 
 #include <argp.h>
@@ -12,11 +16,20 @@
 typedef struct options {
     const char *field_path;
     const char *query_path;
+    const char *slice_text;
+    const char *output_path;
+    uint32_t longest;
     bool json;
 } options;
 
 static const struct argp_option option_table[] = {
     {"json", 'j', 0, 0, "Print one JSON object", 0},
+    {"slice", 's', "AXIS=PART", 0,
+     "Draw a plane through the field as a PNG: z=0.5 is half way up the box. Black is the surface, thin lines are contours, outlines "
+     "are the cells that the structure stores",
+     0},
+    {"output", 'o', "FILE", 0, "Name of the slice (default: FIELD with .png)", 0},
+    {"pixels", 'p', "N", 0, "Longer side of the slice (default 1024)", 0},
     {"query", 'q', "POINTS", 0,
      "Print value, gradient and side (outside, inside, surface voxel) at each point of a text file with lines of x y z in "
      "world units; - reads standard input",
@@ -26,14 +39,24 @@ static const struct argp_option option_table[] = {
 
 static error_t on_option(int key, char *argument, struct argp_state *state) {
     options *opts = state->input;
+    df_error err = {0};
     switch (key) {
     case 'j': opts->json = true; return 0;
+    case 's': opts->slice_text = argument; return 0;
+    case 'o': opts->output_path = argument; return 0;
+    case 'p':
+        if (df_parse_u32("--pixels", argument, 1, 16384, &opts->longest, &err) != DF_OK) argp_error(state, "%s", err.text);
+        return 0;
     case 'q': opts->query_path = argument; return 0;
     case ARGP_KEY_ARG:
         if (state->arg_num > 0) argp_error(state, "one file at a time: '%s' is too much", argument);
         opts->field_path = argument;
         return 0;
     case ARGP_KEY_NO_ARGS: argp_usage(state); return 0;
+    case ARGP_KEY_END:
+        if (opts->slice_text && (opts->json || opts->query_path)) argp_error(state, "--slice goes without --json and --query");
+        if (!opts->slice_text && (opts->output_path || opts->longest)) argp_error(state, "--output and --pixels are for --slice");
+        return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
@@ -173,6 +196,22 @@ static df_status answer_queries(const df_field *field, const char *path, json_t 
     return status;
 }
 
+static df_status draw_slice(const options *opts, const df_field *field, df_error *err) {
+    df_slice slice = {.longest = opts->longest};
+    char *path = opts->output_path ? strdup(opts->output_path) : df_path_with_extension(opts->field_path, ".png", 1);
+    uint8_t *rgb = NULL;
+    uint32_t width, height;
+    double contour_voxels;
+    df_status status = path ? df_output_check(path, err) : df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    if (status == DF_OK) status = df_slice_parse("--slice", opts->slice_text, &slice, err);
+    if (status == DF_OK) status = df_slice_draw(field, &slice, &rgb, &width, &height, &contour_voxels, err);
+    if (status == DF_OK) status = df_image_write_png(path, rgb, width, height, NULL, 0, err);
+    if (status == DF_OK) printf("%s: %u x %u pixels, contours %g voxels apart\n", path, width, height, contour_voxels);
+    free(rgb);
+    free(path);
+    return status;
+}
+
 static df_status run(const options *opts, df_error *err) {
     df_field field;
     df_section_info sections[DF_SECTION_COUNT_MAX];
@@ -180,6 +219,10 @@ static df_status run(const options *opts, df_error *err) {
     df_status status = df_field_read(opts->field_path, DF_READ_COPY, &field, err);
     if (status != DF_OK) return status;
     json_t *json = NULL;
+    if (opts->slice_text) {
+        status = draw_slice(opts, &field, err);
+        goto done;
+    }
     status = df_field_sections(opts->field_path, sections, &section_count, err);
     if (status != DF_OK) goto done;
     json = describe(opts->field_path, &field, sections, section_count);
