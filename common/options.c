@@ -78,11 +78,8 @@ char *df_path_with_extension(const char *path, const char *extension, int keep_f
     const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path, *dot = strrchr(name, '.');
     const char *start = keep_folder ? path : name;
     size_t length = dot && dot > name ? (size_t)(dot - start) : strlen(start);
-    char *out = malloc(length + strlen(extension) + 1);
-    if (!out) return NULL;
-    memcpy(out, start, length);
-    strcpy(out + length, extension);
-    return out;
+    char *out;
+    return asprintf(&out, "%.*s%s", (int)length, start, extension) < 0 ? NULL : out;
 }
 
 char *df_command_line(int argc, char **argv) {

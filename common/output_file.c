@@ -17,7 +17,7 @@ static df_status fail_errno(const df_output *output, df_error *err, const char *
 
 static void reset(df_output *output) {
     if (output->fd >= 0) close(output->fd);
-    if (output->named) {
+    if (output->named && output->temporary_path) {
         unlink(output->temporary_path);
         df_interrupt_set_temporary(NULL);
     }

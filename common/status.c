@@ -3,8 +3,8 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-df_status df_fail(df_error *err, df_status status, const char *format, ...) {
-    if (!err) return status;
+void df_error_set(df_error *err, df_status status, const char *format, ...) {
+    if (!err) return;
     err->status = status;
     va_list args;
     va_start(args, format);
@@ -13,7 +13,6 @@ df_status df_fail(df_error *err, df_status status, const char *format, ...) {
     for (char *c = err->text; *c; c++) {
         if ((unsigned char)*c < ' ') *c = ' '; /* names of files may hold anything; a message stays one line */
     }
-    return status;
 }
 
 int df_exit_code(df_status status) {

@@ -23,12 +23,16 @@ typedef struct df_error {
     char text[1024]; /* one line without a newline; empty when status is DF_OK */
 } df_error;
 
-/* Stores status and message in err (NULL: only the status matters) and returns status, so that failing is one line:
- *     return df_fail(err, DF_ERROR_FORMAT, "%s: brick %u points past the end (%u bricks)", path, i, count); */
+/* Stores status and message in err; NULL: nothing. */
 #ifdef __GNUC__
 __attribute__((format(printf, 3, 4)))
 #endif
-df_status df_fail(df_error *err, df_status status, const char *format, ...);
+void df_error_set(df_error *err, df_status status, const char *format, ...);
+
+/* The same as an expression that has the status as its value, so that failing is one line, and compilers and analysers see that it
+ * fails:
+ *     return df_fail(err, DF_ERROR_FORMAT, "%s: brick %u points past the end (%u bricks)", path, i, count); */
+#define df_fail(err, status, ...) (df_error_set((err), (status), __VA_ARGS__), (status))
 
 /* The exit code that a program ends with: 0 for DF_OK, 2 for DF_ERROR_USAGE, 1 for all others. */
 int df_exit_code(df_status status);
