@@ -8,6 +8,10 @@
 #ifndef DF_STATUS_H
 #define DF_STATUS_H
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef enum df_status {
     DF_OK = 0,
     DF_ERROR_USAGE,       /* the command line asks for something impossible or contradictory: exit 2 */
@@ -37,4 +41,7 @@ void df_error_set(df_error *err, df_status status, const char *format, ...);
 /* The exit code that a program ends with: 0 for DF_OK, 2 for DF_ERROR_USAGE, 1 for all others. */
 int df_exit_code(df_status status);
 
+#ifdef __cplusplus
+}
+#endif
 #endif
