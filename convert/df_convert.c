@@ -1,0 +1,311 @@
+/* df-convert: triangle meshes and analytic shapes to signed distance fields. */
+#include "common/digest.h"
+#include "common/field_file.h"
+#include "common/interrupt.h"
+#include "common/options.h"
+#include "common/output_file.h"
+#include "common/progress.h"
+#include "common/version.h"
+#include "convert/mesh_read.h"
+#include "convert/report.h"
+#include "convert/shape.h"
+
+#include <argp.h>
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#define PROGRAM "df-convert"
+
+const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 10.0, tinyobjloader 2.0, OpenMP)";
+
+typedef enum distance_method { DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
+static const char *const distance_names[] = {"cgal", "openvdb", NULL};
+static const char *const structure_names[] = {"bricks", "dense", NULL};
+
+/* What the command line asks for. */
+typedef struct request {
+    const char *input;
+    const char *output;      /* as given; NULL: derived from the input */
+    uint32_t resolution;     /* 0: not given */
+    double voxel_size;       /* 0: not given */
+    double padding;          /* voxels */
+    df_field_kind structure;
+    uint32_t brick_size;
+    uint32_t distance;       /* distance_method */
+    uint32_t threads;        /* 0: as OpenMP chooses */
+    bool json, quiet;
+    df_error *err;
+} request;
+
+enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_THREADS, KEY_JSON };
+
+static const struct argp_option options[] = {
+    {0, 0, 0, 0, "Output", 1},
+    {"output", 'o', "FILE", 0, "write the field to FILE (default: the input's name with .dfield, in the current folder)", 1},
+    {"structure", KEY_STRUCTURE, "NAME", 0, "bricks: samples near the surface only (default); dense: all samples", 1},
+    {"brick", KEY_BRICK, "K", 0, "voxels along a brick, 4 or 8 (default 8)", 1},
+    {0, 0, 0, 0, "Precision", 2},
+    {"resolution", KEY_RESOLUTION, "N", 0, "voxels along the longest side, padding included (default 256)", 2},
+    {"voxel-size", KEY_VOXEL_SIZE, "S", 0, "size of a voxel in units of the mesh, in place of --resolution", 2},
+    {"padding", KEY_PADDING, "N", 0, "voxels left free around the surface on each side (default 3)", 2},
+    {"distance", KEY_DISTANCE, "NAME", 0,
+     "cgal: the exact distance (default); openvdb: approximate, and fast; ignored for shapes, which are exact", 2},
+    {0, 0, 0, 0, "Running", 3},
+    {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 3},
+    {"json", KEY_JSON, 0, 0, "report as one JSON object on stdout", 3},
+    {"quiet", 'q', 0, 0, "no report, no progress", 3},
+    {0},
+};
+
+static const char doc[] =
+    "Turns a triangle mesh into a signed distance field, negative inside.\v"
+    "INPUT is a mesh (.obj, .ply, .off, .stl) or an analytic shape:\n"
+    "  shape:sphere:radius=1\n"
+    "  shape:torus:major=1,minor=0.4\n"
+    "  shape:box:x=2,y=2,z=2\n"
+    "  shape:rotated-box:x=2,y=2,z=2,angle=30\n"
+    "  shape:gyroid:period=1,thickness=0.1,size=2\n"
+    "  shape:shell:radius=1,thickness=0.1\n"
+    "each with cx, cy, cz for its centre.\n\n"
+    "Example: df-convert bunny.obj --resolution 256 && df-render bunny.dfield";
+
+static df_status parse_value(request *r, int key, const char *arg) {
+    uint32_t index;
+    df_status status;
+    switch (key) {
+    case KEY_RESOLUTION: return df_parse_u32("--resolution", arg, 1, DF_VOXEL_COUNT_MAX, &r->resolution, r->err);
+    case KEY_VOXEL_SIZE: return df_parse_double("--voxel-size", arg, 1e-30, 1e30, &r->voxel_size, r->err);
+    case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
+    case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
+    case KEY_THREADS: return df_parse_u32("--threads", arg, 1, 4096, &r->threads, r->err);
+    case KEY_STRUCTURE:
+        status = df_parse_name("--structure", arg, structure_names, &index, r->err);
+        if (status == DF_OK) r->structure = index == 0 ? DF_FIELD_BRICKS : DF_FIELD_DENSE;
+        return status;
+    case KEY_BRICK:
+        status = df_parse_u32("--brick", arg, 4, 8, &r->brick_size, r->err);
+        if (status == DF_OK && r->brick_size != 4 && r->brick_size != 8) {
+            status = df_fail(r->err, DF_ERROR_USAGE, "--brick %s: expected 4 or 8", arg);
+        }
+        return status;
+    default: return DF_OK;
+    }
+}
+
+static error_t parse_option(int key, char *arg, struct argp_state *state) {
+    request *r = state->input;
+    switch (key) {
+    case 'o': r->output = arg; break;
+    case 'q': r->quiet = true; break;
+    case KEY_JSON: r->json = true; break;
+    case ARGP_KEY_ARG:
+        if (r->input) argp_error(state, "more than one input: %s, %s", r->input, arg);
+        r->input = arg;
+        break;
+    case ARGP_KEY_NO_ARGS: argp_usage(state); break;
+    default:
+        if (key < 256 || key > KEY_JSON) return ARGP_ERR_UNKNOWN;
+        return parse_value(r, key, arg) == DF_OK ? 0 : EINVAL;
+    }
+    return 0;
+}
+
+static df_status check_request(const request *r, df_error *err) {
+    if (r->resolution && r->voxel_size > 0) {
+        return df_fail(err, DF_ERROR_USAGE, "--resolution and --voxel-size exclude each other");
+    }
+    if (!df_shape_is_name(r->input) && !df_mesh_is_mesh_path(r->input)) {
+        return df_fail(err, DF_ERROR_USAGE, "%s: unknown format (known are .obj, .ply, .off, .stl and shape:NAME)", r->input);
+    }
+    if (df_shape_is_name(r->input) && r->distance != DISTANCE_CGAL) {
+        return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance", distance_names[r->distance]);
+    }
+    return DF_OK;
+}
+
+/* Where the input comes from, and the surface it gives. */
+typedef struct surface {
+    df_shape shape;
+    df_mesh mesh;
+    double low[3], high[3];
+} surface;
+
+/* The mesh must bound a volume: a winding number that is a whole number everywhere. */
+static df_status check_closed(const char *name, const df_mesh_edges *edges, df_error *err) {
+    if (edges->border_count == 0) return DF_OK;
+    if (edges->boundary) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: the mesh is open (%u boundary edges), so inside and outside are not defined; "
+                       "close its holes first", name, edges->boundary);
+    }
+    return df_fail(err, DF_ERROR_INPUT, "%s: the faces are not oriented alike (%u edges), so inside and outside are not defined; "
+                   "orient them first", name, edges->border_count);
+}
+
+static df_status read_surface(const request *r, surface *s, df_convert_report *report, df_error *err) {
+    report->is_shape = df_shape_is_name(r->input);
+    if (report->is_shape) {
+        df_status status = df_shape_parse(r->input, &s->shape, err);
+        if (status == DF_OK) df_shape_bounds(&s->shape, s->low, s->high);
+        return status;
+    }
+    double start = df_now_ms();
+    df_status status = df_mesh_read(r->input, &s->mesh, err);
+    if (status == DF_OK) status = df_sha256_file(r->input, report->input_sha256, err);
+    if (status != DF_OK) return status;
+    double read = df_now_ms();
+    status = df_mesh_clean(&s->mesh, r->input, &report->cleaning, err);
+    if (status == DF_OK) status = df_mesh_find_edges(&s->mesh, &report->edges, err);
+    if (status != DF_OK) return status;
+    report->vertices = s->mesh.vertex_count;
+    report->faces = s->mesh.face_count;
+    report->read_ms = read - start;
+    report->clean_ms = df_now_ms() - read;
+    df_mesh_bounds(&s->mesh, s->low, s->high);
+    return check_closed(r->input, &report->edges, err);
+}
+
+static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_distance_source *source,
+                             df_convert_report *report, df_error *err) {
+    report->distance = report->is_shape ? "shape" : distance_names[r->distance];
+    report->sign_method = report->is_shape ? "shape" : r->distance == DISTANCE_OPENVDB ? "openvdb" : "winding";
+    if (report->is_shape) {
+        df_distance_shape(&s->shape, source);
+        return DF_OK;
+    }
+    if (r->distance == DISTANCE_CGAL) return df_distance_cgal(&s->mesh, source, err);
+    /* in bricks no sample lies further from a face than a cell's diagonal and the reach */
+    double band = (r->brick_size + 2) * 1.7320508;
+    for (int a = 0; a < 3 && r->structure == DF_FIELD_DENSE; a++) band = fmax(band, 2.0 * lattice->voxel_count[a]);
+    return df_distance_openvdb(&s->mesh, lattice, (float)band, source, err);
+}
+
+/* Asks CGAL's exact inside test about samples spread over the field and compares it with the signs stored. CGAL counts crossings by
+ * parity, so where bodies overlap it says outside; then the two may differ and the verdict is left as it is. */
+static df_status check_signs(const surface *s, const df_field *field, df_convert_report *report, df_error *err) {
+    enum { POINTS = 2000 };
+    static double points[POINTS][3];
+    static int8_t sides[POINTS];
+    uint64_t count = 0, total = df_dense_sample_count(field->voxel_count), step = total / POINTS + 1;
+    float values[POINTS];
+    for (uint64_t i = step / 2; i < total && count < POINTS; i += step) {
+        uint64_t row = (uint64_t)field->voxel_count[0] + 1, rows = (uint64_t)field->voxel_count[1] + 1;
+        uint32_t at[3] = {(uint32_t)(i % row), (uint32_t)(i / row % rows), (uint32_t)(i / row / rows)};
+        double grid[3] = {at[0], at[1], at[2]};
+        df_field_sample(field, at, &values[count]);
+        df_field_grid_to_world(field, grid, points[count++]);
+    }
+    df_status status = df_cgal_side(&s->mesh, points[0], count, sides, err);
+    if (status != DF_OK) return status;
+    report->sign_checks = count;
+    for (uint64_t i = 0; i < count; i++) report->sign_contradictions += sides[i] != 0 && (sides[i] > 0) != (values[i] < 0);
+    return DF_OK;
+}
+
+/* The options that shaped the field, for the provenance. */
+static json_t *json_options(const request *r) {
+    json_t *o = json_pack("{s:s, s:f}", "structure", df_field_kind_name(r->structure), "padding", r->padding);
+    if (r->voxel_size > 0) json_object_set_new(o, "voxel_size", json_real(r->voxel_size));
+    else json_object_set_new(o, "resolution", json_integer(r->resolution ? r->resolution : 256));
+    if (r->structure == DF_FIELD_BRICKS) json_object_set_new(o, "brick", json_integer(r->brick_size));
+    return o;
+}
+
+static df_status finish_field(const request *r, const surface *s, df_field *field, df_convert_report *report, df_error *err) {
+    field->verdict = DF_VERDICT_CERTAIN;
+    if (!report->is_shape && r->distance == DISTANCE_OPENVDB) {
+        field->verdict = DF_VERDICT_UNKNOWN; /* thin gaps and cavities may be filled */
+    } else if (!report->is_shape && report->cleaning.zero_area == 0) {
+        df_status status = check_signs(s, field, report, err);
+        if (status != DF_OK) return status;
+        if (report->sign_contradictions) field->verdict = DF_VERDICT_UNCERTAIN;
+    }
+    char *provenance = df_report_provenance(report, field, json_options(r));
+    if (!provenance) return df_fail(err, DF_ERROR_MEMORY, "provenance: out of memory");
+    df_field_own(field, provenance);
+    field->provenance = provenance;
+    return DF_OK;
+}
+
+static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
+    df_lattice lattice;
+    df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding, r->brick_size};
+    df_status status = df_lattice_make(&wanted, s->low, s->high, r->input, &lattice, err);
+    if (status != DF_OK) return status;
+    for (int a = 0; a < 3; a++) {
+        if (lattice.voxel_count[a] > report->resolution) report->resolution = lattice.voxel_count[a];
+    }
+    df_distance_source source = {0};
+    double start = df_now_ms();
+    status = make_source(r, s, &lattice, &source, report, err);
+    report->prepare_ms = df_now_ms() - start;
+    df_shape_cells shape_cells = {&s->shape, &lattice};
+    df_build_input input = {.name = r->input, .kind = r->structure, .lattice = &lattice, .source = &source,
+                            .mesh = report->is_shape ? NULL : &s->mesh, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
+                            .quiet = r->quiet};
+    if (status == DF_OK) status = df_build(&input, field, &report->build, err);
+    df_distance_source_free(&source);
+    if (status == DF_OK) status = finish_field(r, s, field, report, err);
+    if (status != DF_OK) df_field_free(field);
+    return status;
+}
+
+static df_status convert(const request *r, const char *output, df_error *err) {
+    double start = df_now_ms();
+    df_convert_report report = {.input = r->input, .output = output};
+    surface s = {0};
+    df_field field = {0};
+    df_status status = df_output_check(output, err);
+    if (status == DF_OK) status = read_surface(r, &s, &report, err);
+    if (status == DF_OK) status = build_field(r, &s, &field, &report, err);
+    double built = df_now_ms();
+    if (status == DF_OK) status = df_field_write(&field, output, err);
+    if (status == DF_OK) {
+        struct stat info;
+        struct rusage usage;
+        if (stat(output, &info) == 0) report.bytes = (uint64_t)info.st_size;
+        if (getrusage(RUSAGE_SELF, &usage) == 0) report.peak_bytes = (uint64_t)usage.ru_maxrss * 1024;
+        report.write_ms = df_now_ms() - built;
+        report.total_ms = df_now_ms() - start;
+        if (r->json) status = df_report_print_json(&report, &field, err);
+        else if (!r->quiet) df_report_print(&report, &field);
+    }
+    free(report.edges.borders);
+    df_mesh_free(&s.mesh);
+    df_field_free(&field);
+    return status;
+}
+
+/* Where the field goes when no -o says so: NAME.dfield in the current folder. */
+static char *default_output(const char *input) {
+    if (!df_shape_is_name(input)) return df_path_with_extension(input, ".dfield", 0);
+    size_t length = strcspn(input + 6, ":");
+    char *out = malloc(length + sizeof ".dfield");
+    if (out) {
+        memcpy(out, input + 6, length);
+        strcpy(out + length, ".dfield");
+    }
+    return out;
+}
+
+int main(int argc, char **argv) {
+    df_error err = {0};
+    request r = {.structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .err = &err};
+    const struct argp argp = {options, parse_option, "INPUT", doc, 0, 0, 0};
+    df_interrupt_install(PROGRAM);
+    argp_err_exit_status = 2;
+    df_status status = argp_parse(&argp, argc, argv, 0, 0, &r) == 0 ? DF_OK : DF_ERROR_USAGE;
+    if (status == DF_OK) status = check_request(&r, &err);
+    if (status == DF_OK && r.threads) omp_set_num_threads((int)r.threads);
+    char *derived = status == DF_OK && !r.output ? default_output(r.input) : NULL;
+    const char *output = r.output ? r.output : derived;
+    if (status == DF_OK && !output) status = df_fail(&err, DF_ERROR_MEMORY, "out of memory");
+    if (status == DF_OK) status = convert(&r, output, &err);
+    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
+    if (status != DF_OK) fprintf(stderr, PROGRAM ": %s\n", err.text);
+    free(derived);
+    return df_exit_code(status);
+}

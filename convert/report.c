@@ -1,0 +1,105 @@
+#include "convert/report.h"
+
+#include "common/version.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+#define LIBRARIES "CGAL 5.5, OpenVDB 10.0, tinyobjloader 2.0"
+
+static json_t *json_mesh(const df_convert_report *r) {
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}",
+                     "vertices", (json_int_t)r->vertices, "faces", (json_int_t)r->faces,
+                     "welded", (json_int_t)r->cleaning.welded, "unreferenced_vertices", (json_int_t)r->cleaning.unreferenced,
+                     "degenerate_faces", (json_int_t)r->cleaning.degenerate, "duplicate_faces", (json_int_t)r->cleaning.duplicate,
+                     "reversed_faces", (json_int_t)r->cleaning.reversed, "zero_area_faces", (json_int_t)r->cleaning.zero_area,
+                     "boundary_edges", (json_int_t)r->edges.boundary, "non_manifold_edges", (json_int_t)r->edges.non_manifold,
+                     "misoriented_edges", (json_int_t)r->edges.misoriented);
+}
+
+char *df_report_provenance(const df_convert_report *r, const df_field *field, json_t *options) {
+    json_t *sign = json_pack("{s:s, s:s, s:I, s:I, s:I}", "method", r->sign_method, "verdict", df_verdict_name(field->verdict),
+                             "lost_features", (json_int_t)r->build.lost_features,
+                             "checked_points", (json_int_t)r->sign_checks, "contradictions", (json_int_t)r->sign_contradictions);
+    json_t *root = json_pack("{s:s, s:s, s:s, s:o, s:s, s:o}", "program", "df-convert " DF_VERSION, "libraries", LIBRARIES,
+                             "input", r->input, "options", options, "distance", r->distance, "sign", sign);
+    if (root && !r->is_shape) {
+        json_object_set_new(root, "input_sha256", json_string(r->input_sha256));
+        json_object_set_new(root, "mesh", json_mesh(r));
+    }
+    char *text = root ? json_dumps(root, JSON_INDENT(1)) : NULL;
+    json_decref(root);
+    return text;
+}
+
+/* ", 12 of them welded" for counts that are not zero. */
+static void print_count(uint64_t count, const char *what) {
+    if (count) printf(", %" PRIu64 " %s", count, what);
+}
+
+static void print_mesh(const df_convert_report *r) {
+    printf("read      %" PRIu32 " vertices, %" PRIu32 " triangles in %.0f ms\n", r->cleaning.vertices_read, r->cleaning.faces_read,
+           r->read_ms);
+    printf("cleaned   %" PRIu32 " vertices, %" PRIu32 " triangles", r->vertices, r->faces);
+    print_count(r->cleaning.welded, "vertices welded");
+    print_count(r->cleaning.unreferenced, "unused vertices dropped");
+    print_count(r->cleaning.degenerate, "degenerate triangles dropped");
+    print_count(r->cleaning.duplicate, "duplicate triangles dropped");
+    print_count(r->cleaning.reversed, "reversed copies dropped");
+    print_count(r->cleaning.zero_area, "triangles without area");
+    printf("; %.0f ms\n", r->clean_ms);
+    printf("mesh      %s", r->edges.border_count ? "not closed" : "closed");
+    print_count(r->edges.boundary, "boundary edges");
+    print_count(r->edges.non_manifold, "edges of more than two faces");
+    print_count(r->edges.misoriented, "edges between faces of opposite orientation");
+    printf("\n");
+}
+
+void df_report_print(const df_convert_report *r, const df_field *field) {
+    if (!r->is_shape) print_mesh(r);
+    printf("lattice   %" PRIu32 " x %" PRIu32 " x %" PRIu32 " voxels of %g\n", field->voxel_count[0], field->voxel_count[1],
+           field->voxel_count[2], field->voxel_size[0]);
+    printf("distances %" PRIu64 " samples by %s in %.0f ms\n", r->build.samples_computed, r->distance,
+           r->prepare_ms + r->build.cells_ms + r->build.distance_ms);
+    printf("signs     by %s in %.0f ms, %s", r->sign_method, r->build.sign_ms, df_verdict_name(field->verdict));
+    print_count(r->sign_checks, "points checked");
+    print_count(r->sign_contradictions, "contradictions");
+    print_count(r->build.lost_features, "coarse cells crossed without a change of sign");
+    printf("\n");
+    if (field->kind == DF_FIELD_BRICKS) {
+        printf("bricks    %" PRIu32 " of %" PRIu32 "^3 voxels\n", field->brick_count, field->brick_size);
+    }
+    printf("wrote     %s, %.2f MB, in %.0f ms\n", r->output, (double)r->bytes / 1e6, r->write_ms);
+    printf("total     %.0f ms, peak memory %.0f MB\n", r->total_ms, (double)r->peak_bytes / 1e6);
+}
+
+df_status df_report_print_json(const df_convert_report *r, const df_field *field, df_error *err) {
+    json_t *phases = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "read_ms", r->read_ms, "clean_ms", r->clean_ms,
+                               "prepare_ms", r->prepare_ms, "cells_ms", r->build.cells_ms, "distance_ms", r->build.distance_ms,
+                               "sign_ms", r->build.sign_ms, "structure_ms", r->build.structure_ms, "write_ms", r->write_ms);
+    json_t *root = r->is_shape ? json_object() : json_mesh(r);
+    json_t *more = json_pack("{s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:s, s:s, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:I}",
+                             "input", r->input, "input_sha256", r->input_sha256, "output", r->output,
+                             "structure", df_field_kind_name(field->kind), "samples", df_sample_type_name(field->sample_type),
+                             "resolution", (json_int_t)r->resolution,
+                             "voxels", (json_int_t)field->voxel_count[0], (json_int_t)field->voxel_count[1], (json_int_t)field->voxel_count[2],
+                             "voxel_size", field->voxel_size[0], "bytes", (json_int_t)r->bytes,
+                             "distance", r->distance, "sign_method", r->sign_method, "verdict", df_verdict_name(field->verdict),
+                             "sign_checks", (json_int_t)r->sign_checks, "sign_contradictions", (json_int_t)r->sign_contradictions,
+                             "lost_features", (json_int_t)r->build.lost_features,
+                             "max_error", field->error_max, "rms_error", field->error_rms,
+                             "phases", phases, "total_ms", r->total_ms, "peak_bytes", (json_int_t)r->peak_bytes);
+    df_status status = DF_OK;
+    if (!root || !more || json_object_update(root, more) != 0) {
+        status = df_fail(err, DF_ERROR_MEMORY, "report: out of memory");
+        goto done;
+    }
+    json_object_set_new(root, "dropped_faces",
+                        json_integer((json_int_t)r->cleaning.degenerate + r->cleaning.duplicate + r->cleaning.reversed));
+    if (field->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(field->brick_count));
+    if (json_dumpf(root, stdout, JSON_INDENT(1)) != 0 || printf("\n") < 0) status = df_fail(err, DF_ERROR_IO, "stdout: cannot write");
+done:
+    json_decref(root);
+    json_decref(more);
+    return status;
+}
