@@ -230,6 +230,13 @@ static df_status finish_field(const request *r, const surface *s, df_field *fiel
     return DF_OK;
 }
 
+/* A field without a surface is no picture of the input, whatever the reason. */
+static df_status check_surface(const char *name, const df_field *field, df_error *err) {
+    if (df_field_surface_voxel_count(field) > 0) return DF_OK;
+    return df_fail(err, DF_ERROR_INPUT, "%s: no sample lies inside the surface: it is flat, or thinner than a voxel (%.3g); "
+                   "a smaller --voxel-size may find it", name, field->voxel_size[0]);
+}
+
 static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
     df_lattice lattice;
     df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding, r->brick_size};
@@ -248,6 +255,7 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
                             .quiet = r->quiet};
     if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     df_distance_source_free(&source);
+    if (status == DF_OK) status = check_surface(r->input, field, err);
     if (status == DF_OK) status = finish_field(r, s, field, report, err);
     if (status != DF_OK) df_field_free(field);
     return status;
