@@ -1,6 +1,7 @@
 #include "common/image.h"
 #include "common/output_file.h"
 
+#include <errno.h>
 #include <openexr.h>
 #include <png.h>
 #include <setjmp.h>
@@ -97,6 +98,88 @@ done:
     free(entries);
     free(file.data);
     return status;
+}
+
+/* Keeps the texts of a PNG. Returns 0 when memory is short. */
+static int keep_texts(df_image_png *image, png_textp texts, int count) {
+    image->texts = calloc((size_t)count + 1, sizeof *image->texts);
+    if (!image->texts) return 0;
+    for (int i = 0; i < count; i++) {
+        image->texts[i].key = strdup(texts[i].key);
+        image->texts[i].value = strdup(texts[i].text ? texts[i].text : "");
+        image->text_count++;
+        if (!image->texts[i].key || !image->texts[i].value) return 0;
+    }
+    return 1;
+}
+
+/* The part of reading that libpng may leave by longjmp; what it allocates belongs to *image. Returns 0 on failure. */
+static int decode_png(png_structp png, png_infop info, FILE *file, df_image_png *image) {
+    if (setjmp(png_jmpbuf(png))) return 0;
+    png_set_user_limits(png, 65536, 65536);
+    png_init_io(png, file);
+    png_read_info(png, info);
+    image->width = png_get_image_width(png, info);
+    image->height = png_get_image_height(png, info);
+    png_set_expand(png);
+    png_set_strip_16(png);
+    png_set_strip_alpha(png);
+    png_set_gray_to_rgb(png);
+    int passes = png_set_interlace_handling(png);
+    png_read_update_info(png, info);
+    if (png_get_rowbytes(png, info) != (size_t)image->width * 3) png_error(png, "unexpected pixel format");
+    image->rgb = malloc((size_t)image->width * 3 * image->height);
+    if (!image->rgb) png_error(png, "out of memory");
+    for (int pass = 0; pass < passes; pass++) {
+        for (uint32_t y = 0; y < image->height; y++) png_read_row(png, image->rgb + (size_t)y * image->width * 3, NULL);
+    }
+    png_read_end(png, info);
+    png_textp texts;
+    int count;
+    png_get_text(png, info, &texts, &count);
+    if (!keep_texts(image, texts, count)) png_error(png, "out of memory");
+    return 1;
+}
+
+df_status df_image_read_png(const char *path, df_image_png *image, df_error *err) {
+    unsigned char signature[8];
+    char message[256] = "out of memory";
+    df_status status = DF_OK;
+    png_infop info = NULL;
+    memset(image, 0, sizeof *image);
+    FILE *file = fopen(path, "rb");
+    if (!file) return df_fail(err, DF_ERROR_IO, "%s: %s", path, strerror(errno));
+    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, message, png_on_error, NULL);
+    if (png) info = png_create_info_struct(png);
+    if (!png || !info) {
+        status = df_fail(err, DF_ERROR_MEMORY, "%s: out of memory", path);
+    } else if (fread(signature, 1, sizeof signature, file) != sizeof signature || png_sig_cmp(signature, 0, sizeof signature)) {
+        status = df_fail(err, DF_ERROR_FORMAT, "%s: not a PNG file", path);
+    } else {
+        png_set_sig_bytes(png, sizeof signature);
+        if (!decode_png(png, info, file, image)) status = df_fail(err, DF_ERROR_FORMAT, "%s: damaged PNG: %s", path, message);
+    }
+    if (png) png_destroy_read_struct(&png, &info, NULL);
+    fclose(file);
+    if (status != DF_OK) df_image_png_free(image);
+    return status;
+}
+
+void df_image_png_free(df_image_png *image) {
+    for (uint32_t i = 0; i < image->text_count; i++) {
+        free((char *)image->texts[i].key);
+        free((char *)image->texts[i].value);
+    }
+    free(image->texts);
+    free(image->rgb);
+    memset(image, 0, sizeof *image);
+}
+
+const char *df_image_png_text(const df_image_png *image, const char *key) {
+    for (uint32_t i = 0; i < image->text_count; i++) {
+        if (strcmp(image->texts[i].key, key) == 0) return image->texts[i].value;
+    }
+    return NULL;
 }
 
 /* ---- Portable Float Map ---- */
