@@ -1,0 +1,320 @@
+/* df-render: pictures of .dfield files. */
+#include "common/field_file.h"
+#include "common/image.h"
+#include "common/interrupt.h"
+#include "common/memory.h"
+#include "common/options.h"
+#include "common/output_file.h"
+#include "common/progress.h"
+#include "common/version.h"
+#include "render/report.h"
+
+#include <argp.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Texts in the PNG. */
+#define TEXT_COMMAND "distfield command"
+#define TEXT_FIELD "distfield field"
+#define TEXT_CHECKSUM "distfield checksum"
+#define TEXT_SETTINGS "distfield settings"
+
+typedef struct options {
+    df_settings settings;
+    bool settings_given; /* any option that belongs to the picture */
+    const char *field_path, *output_path, *depth_path, *normals_path, *from_path;
+    uint32_t threads, tile;
+    bool stats, json, map, quiet, verbose;
+    const char *command;
+} options;
+
+enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_THREADS };
+
+static const struct argp_option option_table[] = {
+    {0, 0, 0, 0, "Camera (world units)", 1},
+    {"orbit", KEY_SETTING, "AZ,EL,DIST", 0,
+     "Eye on a sphere about the field's centre: azimuth and elevation in degrees, distance in multiples of the longest side "
+     "(default 30,20,1.6); +y is up",
+     0},
+    {"eye", KEY_SETTING + 1, "X,Y,Z", 0, "Position of the eye", 0},
+    {"look-at", KEY_SETTING + 2, "X,Y,Z", 0, "Point in the middle of the picture (default: the field's centre)", 0},
+    {"up", KEY_SETTING + 3, "X,Y,Z", 0, "Direction that is up in the picture (default 0,1,0)", 0},
+    {"fov", KEY_SETTING + 4, "DEGREES", 0, "Vertical field of view (default 57.3, 1 radian)", 0},
+    {0, 0, 0, 0, "Picture", 2},
+    {"output", 'o', "FILE", 0, "The picture, a PNG (default: the field's name with .png, here)", 0},
+    {"size", KEY_SETTING + 5, "WxH", 0, "Pixels (default 1280x1024)", 0},
+    {"depth", KEY_DEPTH, "FILE", 0, "Also write distances from the eye, world units, infinite where nothing is hit: .exr or .pfm", 0},
+    {"normals", KEY_NORMALS, "FILE", 0, "Also write unit normals in world space, 0 where nothing is hit: .exr or .pfm", 0},
+    {"from", KEY_FROM, "PICTURE", 0,
+     "Render a picture of df-render again, from the settings inside it, and say whether it is equal (exit 1 if not). The field "
+     "is the one named inside unless FIELD is given; with -o the new picture is written as well",
+     0},
+    {0, 0, 0, 0, "Method", 3},
+    {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
+    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: dda", 0},
+    {"intersect", KEY_SETTING + 8, "NAME", 0,
+     "How a ray is solved in a voxel: midpoint, linear, repeated, marmitt, analytic, robust (default robust)", 0},
+    {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)", 0},
+    {"gradient", KEY_SETTING + 10, "NAME", 0,
+     "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward (default corner-central)", 0},
+    {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
+    {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
+    {0, 0, 0, 0, "Running", 4},
+    {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},
+    {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
+    {"map", KEY_MAP, 0, 0, "Use the field's samples in place in the mapped file", 0},
+    {"stats", KEY_STATS, 0, 0, "Print what ran, the counts of rays and steps, and times", 0},
+    {"json", KEY_JSON, 0, 0, "The same as one JSON object", 0},
+    {"quiet", 'q', 0, 0, "No progress", 0},
+    {"verbose", 'v', 0, 0, "Say what is done", 0},
+    {0},
+};
+
+static void check(struct argp_state *state, df_status status, const df_error *err) {
+    if (status != DF_OK) argp_error(state, "%s", err->text);
+}
+
+static error_t on_option(int key, char *argument, struct argp_state *state) {
+    options *opts = state->input;
+    df_error err;
+    if (key >= KEY_SETTING && key < KEY_MAP) {
+        for (const struct argp_option *option = option_table;; option++) {
+            bool known;
+            if (option->key != key) continue;
+            check(state, df_settings_set(&opts->settings, option->name, argument, &known, &err), &err);
+            opts->settings_given = true;
+            return 0;
+        }
+    }
+    switch (key) {
+    case 'o': opts->output_path = argument; return 0;
+    case 'q': opts->quiet = true; return 0;
+    case 'v': opts->verbose = true; return 0;
+    case KEY_MAP: opts->map = true; return 0;
+    case KEY_STATS: opts->stats = true; return 0;
+    case KEY_JSON: opts->json = true; return 0;
+    case KEY_FROM: opts->from_path = argument; return 0;
+    case KEY_DEPTH: opts->depth_path = argument; return 0;
+    case KEY_NORMALS: opts->normals_path = argument; return 0;
+    case KEY_TILE: check(state, df_parse_u32("--tile", argument, 1, 4096, &opts->tile, &err), &err); return 0;
+    case KEY_THREADS: check(state, df_parse_u32("--threads", argument, 1, 1024, &opts->threads, &err), &err); return 0;
+    case ARGP_KEY_ARG:
+        if (opts->field_path) argp_error(state, "one field at a time: '%s' is too much", argument);
+        opts->field_path = argument;
+        return 0;
+    case ARGP_KEY_END:
+        if (!opts->field_path && !opts->from_path) argp_usage(state);
+        if (opts->from_path && opts->settings_given) {
+            argp_error(state, "--from takes camera, size and methods from the picture: it cannot go with options that set them");
+        }
+        if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+/* All that one run holds. */
+typedef struct session {
+    df_field field;
+    df_scene scene;
+    df_renderer *renderer;
+    df_picture picture;
+    df_image_png original; /* --from */
+    char *own_path, *settings_text;
+    df_camera camera;
+    df_view view;
+    df_report report;
+} session;
+
+static void session_free(session *s) {
+    df_renderer_close(s->renderer);
+    df_scene_free(&s->scene);
+    df_field_free(&s->field);
+    df_image_png_free(&s->original);
+    free(s->picture.rgb);
+    free(s->picture.depth);
+    free(s->picture.normals);
+    free(s->own_path);
+    free(s->settings_text);
+}
+
+/* Everything that can be refused before the work. */
+static df_status check_outputs(options *opts, session *s, df_error *err) {
+    const char *float_paths[2] = {opts->depth_path, opts->normals_path};
+    df_status status = DF_OK;
+    if (!opts->output_path && !opts->from_path) {
+        opts->output_path = s->own_path = df_path_with_extension(opts->field_path, ".png", 0);
+        if (!s->own_path) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    }
+    if (opts->output_path) status = df_output_check(opts->output_path, err);
+    for (int i = 0; i < 2 && status == DF_OK; i++) {
+        if (!float_paths[i]) continue;
+        if (!df_image_is_float_path(float_paths[i])) {
+            return df_fail(err, DF_ERROR_USAGE, "%s: expected a name that ends in .exr or .pfm", float_paths[i]);
+        }
+        status = df_output_check(float_paths[i], err);
+    }
+    return status;
+}
+
+/* Takes the settings, and unless given the field, from the picture of --from. */
+static df_status read_original(options *opts, session *s, df_error *err) {
+    df_status status = df_image_read_png(opts->from_path, &s->original, err);
+    if (status != DF_OK) return status;
+    const char *text = df_image_png_text(&s->original, TEXT_SETTINGS), *field = df_image_png_text(&s->original, TEXT_FIELD);
+    if (!text || !field || !df_image_png_text(&s->original, TEXT_CHECKSUM)) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: not a picture of df-render (it has no settings inside)", opts->from_path);
+    }
+    if (!opts->field_path) opts->field_path = field;
+    return df_settings_parse(&opts->settings, text, opts->from_path, err);
+}
+
+static df_status read_field(const options *opts, session *s, df_error *err) {
+    double start = df_now_ms();
+    df_status status = df_field_read(opts->field_path, opts->map ? DF_READ_MAP : DF_READ_COPY, &s->field, err);
+    if (status != DF_OK) return status;
+    s->report.load_ms = df_now_ms() - start;
+    if (opts->from_path) {
+        const char *expected = df_image_png_text(&s->original, TEXT_CHECKSUM);
+        char checksum[16];
+        snprintf(checksum, sizeof checksum, "%08" PRIx32, s->field.checksum);
+        if (strcmp(checksum, expected) != 0) {
+            return df_fail(err, DF_ERROR_INPUT, "%s: checksum %s, but %s was made from a field with %s", opts->field_path,
+                           checksum, opts->from_path, expected);
+        }
+    }
+    return DF_OK;
+}
+
+static df_status alloc_picture(const options *opts, df_picture *picture, df_error *err) {
+    uint64_t pixels = (uint64_t)opts->settings.width * opts->settings.height;
+    picture->width = opts->settings.width;
+    picture->height = opts->settings.height;
+    df_status status = df_alloc((void **)&picture->rgb, pixels * 3, 1, "picture", err);
+    if (status == DF_OK && opts->depth_path) status = df_alloc((void **)&picture->depth, pixels, sizeof(float), "depth", err);
+    if (status == DF_OK && opts->normals_path) {
+        status = df_alloc((void **)&picture->normals, pixels * 3, sizeof(float), "normals", err);
+    }
+    return status;
+}
+
+static df_status write_png(const options *opts, const session *s, df_error *err) {
+    char checksum[16], *absolute = realpath(opts->field_path, NULL);
+    snprintf(checksum, sizeof checksum, "%08" PRIx32, s->field.checksum);
+    const df_image_text texts[] = {
+        {"Software", "distfield " DF_VERSION},
+        {TEXT_COMMAND, opts->command},
+        {TEXT_FIELD, absolute ? absolute : opts->field_path},
+        {TEXT_CHECKSUM, checksum},
+        {TEXT_SETTINGS, s->settings_text},
+    };
+    df_status status = df_image_write_png(opts->output_path, s->picture.rgb, s->picture.width, s->picture.height, texts,
+                                          sizeof texts / sizeof texts[0], err);
+    free(absolute);
+    return status;
+}
+
+static df_status write_outputs(const options *opts, session *s, df_error *err) {
+    const uint32_t width = s->picture.width, height = s->picture.height;
+    df_status status = DF_OK;
+    if (opts->output_path) status = write_png(opts, s, err);
+    if (status == DF_OK && opts->depth_path) {
+        status = df_image_write_float(opts->depth_path, s->picture.depth, width, height, 1, err);
+    }
+    if (status == DF_OK && opts->normals_path) {
+        status = df_image_write_float(opts->normals_path, s->picture.normals, width, height, 3, err);
+    }
+    return status;
+}
+
+/* Says whether the picture equals the one of --from. */
+static df_status compare_original(const options *opts, const session *s, df_error *err) {
+    const df_image_png *original = &s->original;
+    const df_picture *picture = &s->picture;
+    if (original->width != picture->width || original->height != picture->height) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: %ux%u pixels, but its settings say %ux%u", opts->from_path, original->width,
+                       original->height, picture->width, picture->height);
+    }
+    uint64_t pixels = (uint64_t)picture->width * picture->height, different = 0;
+    for (uint64_t i = 0; i < pixels; i++) different += memcmp(original->rgb + 3 * i, picture->rgb + 3 * i, 3) != 0;
+    if (different) return df_fail(err, DF_ERROR_INPUT, "%s: %" PRIu64 " of %" PRIu64 " pixels differ", opts->from_path, different, pixels);
+    printf("%s: equal\n", opts->from_path);
+    return DF_OK;
+}
+
+static df_status print_report(const options *opts, session *s, df_error *err) {
+    if (!opts->stats && !opts->json) return DF_OK;
+    df_status status = df_count_entering(&s->view, &s->report.stats.rays_entering, err);
+    if (status != DF_OK) return status;
+    json_t *json = df_report_json(&s->report);
+    if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    if (opts->json) {
+        json_dumpf(json, stdout, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
+        printf("\n");
+    } else {
+        df_report_print(json);
+    }
+    json_decref(json);
+    return DF_OK;
+}
+
+static df_status render(options *opts, session *s, df_error *err) {
+    const df_settings *settings = &opts->settings;
+    df_status status = df_settings_camera(settings, &s->field, &s->camera, err);
+    if (status == DF_OK) status = df_view_make(&s->camera, &s->field, settings->width, settings->height, &s->view, err);
+    if (status == DF_OK) status = df_scene_prepare(&s->field, (float)settings->iso, &settings->scene, &s->scene, err);
+    if (status != DF_OK) return status;
+    s->settings_text = df_settings_text(settings, &s->camera);
+    if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    const df_frame_options frame = {settings->tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads};
+    status = alloc_picture(opts, &s->picture, err);
+    if (status == DF_OK) status = df_renderer_open(&s->scene, &frame, settings->width, settings->height, &s->renderer, err);
+    if (status == DF_OK) status = df_renderer_frame(s->renderer, &s->view, &s->picture, &s->report.stats, err);
+    return status;
+}
+
+static df_status run(options *opts, session *s, df_error *err) {
+    df_status status = DF_OK;
+    if (opts->from_path) status = read_original(opts, s, err);
+    if (status == DF_OK) status = check_outputs(opts, s, err);
+    if (status == DF_OK) status = read_field(opts, s, err);
+    if (status == DF_OK) status = render(opts, s, err);
+    if (status == DF_OK) status = write_outputs(opts, s, err);
+    if (status != DF_OK) return status;
+    s->report.field_path = opts->field_path;
+    s->report.scene = &s->scene;
+    s->report.settings = &opts->settings;
+    s->report.threads = opts->threads;
+    s->report.tile = opts->tile;
+    if (opts->verbose && opts->output_path) fprintf(stderr, "df-render: wrote %s\n", opts->output_path);
+    status = print_report(opts, s, err);
+    if (status == DF_OK && opts->from_path) status = compare_original(opts, s, err);
+    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
+        status = df_fail(err, DF_ERROR_IO, "standard output: %s", strerror(errno));
+    }
+    return status;
+}
+
+int main(int argc, char **argv) {
+    static const struct argp argp = {option_table, on_option, "FIELD\n--from PICTURE [FIELD]",
+                                     "Ray traces the surface of a signed distance field (.dfield, made by df-convert).", 0, 0, 0};
+    argp_program_version = "df-render " DF_VERSION;
+    argp_err_exit_status = 2;
+    df_interrupt_install("df-render");
+    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64};
+    session s = {0};
+    df_error err = {0};
+    df_settings_defaults(&opts.settings);
+    char *command = df_command_line(argc, argv);
+    argp_parse(&argp, argc, argv, 0, NULL, &opts);
+    opts.command = command ? command : "df-render";
+    df_status status = run(&opts, &s, &err);
+    if (status != DF_OK) fprintf(stderr, "df-render: %s\n", err.text);
+    session_free(&s);
+    free(command);
+    return df_exit_code(status);
+}

@@ -1,0 +1,217 @@
+#include "render/frame.h"
+#include "common/memory.h"
+#include "common/progress.h"
+#include "render/gradient.h"
+#include "render/shade.h"
+
+#include <assert.h>
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* What one thread works with. */
+typedef struct frame_worker {
+    df_tile tile;
+    df_hits hits;
+    df_frame_stats stats;
+    df_status status;
+    df_error error;
+} frame_worker;
+
+struct df_renderer {
+    const df_scene *scene;
+    df_frame_options options;
+    uint32_t worker_count;
+    uint32_t tile_width, tile_height; /* of the largest tile */
+    void *tracer_state;
+    frame_worker *workers;
+    uint8_t shade_table[DF_SHADE_LEVELS];
+    uint8_t background[3];
+};
+
+void df_shade_table(uint8_t table[]) {
+    for (int i = 0; i < DF_SHADE_LEVELS; i++) {
+        double linear = (double)i / (DF_SHADE_LEVELS - 1);
+        double coded = linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1 / 2.4) - 0.055;
+        table[i] = (uint8_t)(coded * 255 + 0.5);
+    }
+}
+
+static uint32_t shade_level(float linear) {
+    return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f);
+}
+
+void df_renderer_close(df_renderer *renderer) {
+    if (!renderer) return;
+    for (uint32_t i = 0; renderer->workers && i < renderer->worker_count; i++) {
+        df_rays_free(&renderer->workers[i].tile.rays);
+        df_hits_free(&renderer->workers[i].hits);
+    }
+    renderer->options.tracer->release(renderer->tracer_state);
+    free(renderer->workers);
+    free(renderer);
+}
+
+df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
+                           df_renderer **out, df_error *err) {
+    df_renderer *renderer;
+    *out = NULL;
+    df_status status = df_alloc((void **)&renderer, 1, sizeof *renderer, "renderer", err);
+    if (status != DF_OK) return status;
+    bool whole = options->tracer->whole_frame;
+    renderer->scene = scene;
+    renderer->options = *options;
+    renderer->worker_count = whole ? 1 : options->threads;
+    renderer->tile_width = whole || options->tile > width ? width : options->tile;
+    renderer->tile_height = whole || options->tile > height ? height : options->tile;
+    df_shade_table(renderer->shade_table);
+    const float background[3] = DF_SHADE_BACKGROUND;
+    for (int c = 0; c < 3; c++) renderer->background[c] = renderer->shade_table[shade_level(background[c])];
+
+    uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
+    const df_trace_options trace = {options->solve, options->steps, options->threads, tile_rays};
+    status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
+    if (status == DF_OK) {
+        status = df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
+    }
+    for (uint32_t i = 0; i < renderer->worker_count && status == DF_OK; i++) {
+        status = df_rays_alloc(tile_rays, true, &renderer->workers[i].tile.rays, err);
+        if (status == DF_OK) status = df_hits_alloc(tile_rays, &renderer->workers[i].hits, err);
+    }
+    if (status != DF_OK) df_renderer_close(renderer);
+    else *out = renderer;
+    return status;
+}
+
+/* Fills a rectangle of the picture with what is seen where nothing is hit. */
+static void clear_tile(const df_renderer *renderer, const df_tile *tile, const df_picture *picture) {
+    for (uint32_t y = tile->y; y < tile->y + tile->height; y++) {
+        size_t first = (size_t)y * picture->width + tile->x;
+        if (picture->rgb) {
+            uint8_t *rgb = picture->rgb + 3 * first;
+            for (uint32_t x = 0; x < tile->width; x++) memcpy(rgb + 3 * (size_t)x, renderer->background, 3);
+        }
+        if (picture->depth) {
+            for (uint32_t x = 0; x < tile->width; x++) picture->depth[first + x] = INFINITY;
+        }
+        if (picture->normals) memset(picture->normals + 3 * first, 0, 3 * sizeof(float) * tile->width);
+    }
+}
+
+/* Gradient, normal and light of one hit, written to its pixel. */
+static void shade_hit(const df_renderer *renderer, const df_tile *tile, const df_hits *hits, uint32_t i, const df_picture *picture) {
+    const df_view *view = tile->view;
+    const uint32_t voxel[3] = {hits->cell[0][i], hits->cell[1][i], hits->cell[2][i]}, ray = hits->ray[i];
+    float stencil[64], local[3], gradient[3], toward_eye[3], normal[3], direction[3], inverse_size[3];
+    df_scene_stencil(renderer->scene, voxel, hits->block[i], renderer->options.gradient != DF_GRADIENT_ANALYTIC, stencil);
+    for (int a = 0; a < 3; a++) {
+        local[a] = hits->local[a][i];
+        direction[a] = tile->rays.direction[a][ray];
+        inverse_size[a] = 1.0f / view->relative_size[a];
+    }
+    df_gradient(renderer->options.gradient, stencil, local, gradient);
+    df_shade_toward_eye(direction, view->relative_size, toward_eye);
+    df_shade_normal(gradient, inverse_size, toward_eye, normal);
+    size_t pixel = (size_t)(tile->y + ray / tile->width) * picture->width + tile->x + ray % tile->width;
+    if (picture->rgb) {
+        const float albedo[3] = DF_SHADE_ALBEDO;
+        float light = df_shade_light(normal, toward_eye);
+        for (int c = 0; c < 3; c++) picture->rgb[3 * pixel + c] = renderer->shade_table[shade_level(albedo[c] * light)];
+    }
+    if (picture->normals) memcpy(picture->normals + 3 * pixel, normal, sizeof normal);
+    if (picture->depth) {
+        double length = 0;
+        for (int a = 0; a < 3; a++) {
+            double w = (double)direction[a] * (double)view->relative_size[a];
+            length += w * w;
+        }
+        picture->depth[pixel] = (float)(hits->t[i] * sqrt(length) * view->world_unit);
+    }
+}
+
+static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture *picture) {
+    frame_worker *worker = &renderer->workers[thread];
+    const df_tracer *tracer = renderer->options.tracer;
+    df_tile *tile = &worker->tile;
+    double start = df_now_ms(), made = start, traced = start;
+    worker->hits.count = 0;
+    if (!tracer->touches || tracer->touches(renderer->tracer_state, tile)) {
+        df_view_rays(tile->view, tile->x, tile->y, tile->width, tile->height, &tile->rays);
+        made = df_now_ms();
+        df_status status = tracer->trace(renderer->tracer_state, thread, tile, &worker->hits, &worker->stats.counters, &worker->error);
+        if (status != DF_OK) worker->status = status;
+        traced = df_now_ms();
+    }
+    clear_tile(renderer, tile, picture);
+    for (uint32_t i = 0; i < worker->hits.count; i++) shade_hit(renderer, tile, &worker->hits, i, picture);
+    worker->stats.rays_ms += made - start;
+    worker->stats.trace_ms += traced - made;
+    worker->stats.shade_ms += df_now_ms() - traced;
+    worker->stats.rays_hitting += worker->hits.count;
+}
+
+static void add_stats(df_frame_stats *sum, const df_frame_stats *part) {
+    sum->rays_hitting += part->rays_hitting;
+    sum->counters.coarse_steps += part->counters.coarse_steps;
+    sum->counters.fine_steps += part->counters.fine_steps;
+    sum->counters.cells_tested += part->counters.cells_tested;
+    sum->counters.lanes_active += part->counters.lanes_active;
+    sum->counters.lanes_total += part->counters.lanes_total;
+    sum->rays_ms += part->rays_ms;
+    sum->trace_ms += part->trace_ms;
+    sum->shade_ms += part->shade_ms;
+}
+
+df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                            df_error *err) {
+    assert(picture->width == view->width && picture->height == view->height);
+    assert(renderer->tile_width <= view->width && renderer->tile_height <= view->height);
+    const double start = df_now_ms();
+    const df_tracer *tracer = renderer->options.tracer;
+    if (tracer->begin_frame) {
+        df_status status = tracer->begin_frame(renderer->tracer_state, view, err);
+        if (status != DF_OK) return status;
+    }
+    const uint32_t width = renderer->tile_width, height = renderer->tile_height;
+    const uint32_t columns = (view->width + width - 1) / width, rows = (view->height + height - 1) / height;
+    for (uint32_t i = 0; i < renderer->worker_count; i++) {
+        renderer->workers[i].status = DF_OK;
+        memset(&renderer->workers[i].stats, 0, sizeof renderer->workers[i].stats);
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(renderer->worker_count)
+    for (uint32_t i = 0; i < columns * rows; i++) {
+        uint32_t thread = (uint32_t)omp_get_thread_num();
+        df_tile *tile = &renderer->workers[thread].tile;
+        tile->view = view;
+        tile->x = i % columns * width;
+        tile->y = i / columns * height;
+        tile->width = view->width - tile->x < width ? view->width - tile->x : width;
+        tile->height = view->height - tile->y < height ? view->height - tile->y : height;
+        if (renderer->workers[thread].status == DF_OK) render_tile(renderer, thread, picture);
+    }
+    df_frame_stats sum = {.rays_cast = (uint64_t)view->width * view->height};
+    for (uint32_t i = 0; i < renderer->worker_count; i++) {
+        if (renderer->workers[i].status != DF_OK) {
+            if (err) *err = renderer->workers[i].error;
+            return renderer->workers[i].status;
+        }
+        add_stats(&sum, &renderer->workers[i].stats);
+    }
+    sum.frame_ms = df_now_ms() - start;
+    if (stats) *stats = sum;
+    return DF_OK;
+}
+
+df_status df_count_entering(const df_view *view, uint64_t *entering, df_error *err) {
+    df_rays rays;
+    df_status status = df_rays_alloc(view->width, true, &rays, err);
+    if (status != DF_OK) return status;
+    *entering = 0;
+    for (uint32_t y = 0; y < view->height; y++) {
+        df_view_rays(view, 0, y, view->width, 1, &rays);
+        *entering += df_rays_entering(&rays, view->box);
+    }
+    df_rays_free(&rays);
+    return DF_OK;
+}

@@ -1,0 +1,52 @@
+/*
+ * Pictures: tiles of rays through a tracer, then gradients and shading over the hits, on as many threads as asked for. The
+ * bytes of a picture do not depend on threads or tiles.
+ */
+#ifndef DF_FRAME_H
+#define DF_FRAME_H
+
+#include "render/tracer.h"
+
+/* What a picture consists of; arrays that are NULL are not wanted. Rows from top to bottom. */
+typedef struct df_picture {
+    uint32_t width, height;
+    uint8_t *rgb;    /* width * height * 3, sRGB */
+    float *depth;    /* width * height: distance from the eye in world units, INFINITY where nothing is hit */
+    float *normals;  /* width * height * 3: unit vectors in world space, towards the outside; 0 where nothing is hit */
+} df_picture;
+
+typedef struct df_frame_options {
+    const df_tracer *tracer;
+    int solve, steps; /* of the cell solve; steps 0: its default */
+    int gradient;     /* DF_GRADIENT_... */
+    uint32_t tile;    /* edge of a tile in pixels */
+    uint32_t threads;
+} df_frame_options;
+
+/* Of one picture. Phases are summed over threads. */
+typedef struct df_frame_stats {
+    uint64_t rays_cast, rays_entering, rays_hitting;
+    df_counters counters;
+    double frame_ms; /* wall clock, from the view to the complete picture */
+    double rays_ms, trace_ms, shade_ms; /* making rays; traversal and solves; gradients, shading and writing */
+} df_frame_stats;
+
+typedef struct df_renderer df_renderer;
+
+/* Prepares the tracer for a scene, which must outlive the renderer, and allocates all that frames need. Pictures may be at most
+ * width x height. */
+df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
+                           df_renderer **out, df_error *err);
+void df_renderer_close(df_renderer *renderer);
+
+/* Renders one picture of the view's size. stats may be NULL. */
+df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                            df_error *err);
+
+/* Counts the rays of a view that meet the field's box: a figure for reports, outside all timing. */
+df_status df_count_entering(const df_view *view, uint64_t *entering, df_error *err);
+
+/* Bytes that turn linear light 0..1 in DF_SHADE_LEVELS levels into sRGB. */
+void df_shade_table(uint8_t table[]);
+
+#endif

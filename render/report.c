@@ -1,0 +1,52 @@
+#include "render/report.h"
+
+#include <stdio.h>
+
+json_t *df_report_json(const df_report *report) {
+    const df_field *field = report->scene->field;
+    const df_settings *settings = report->settings;
+    const df_frame_stats *stats = &report->stats;
+    const df_counters *counters = &stats->counters;
+    double rays = (double)stats->rays_cast, lanes = (double)counters->lanes_total;
+    json_t *json = json_object();
+    if (!json) return NULL;
+    json_object_set_new(json, "field", json_string(report->field_path));
+    json_object_set_new(json, "structure", json_string(df_scene_structure_name(report->scene)));
+    json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
+    json_object_set_new(json, "tracer", json_string(settings->tracer->name));
+    json_object_set_new(json, "intersect", json_string(df_solve_names[settings->solve]));
+    json_object_set_new(json, "steps", json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
+    json_object_set_new(json, "gradient", json_string(df_gradient_names[settings->gradient]));
+    json_object_set_new(json, "isa", json_string("scalar"));
+    json_object_set_new(json, "threads", json_integer(report->threads));
+    json_object_set_new(json, "device", json_string("cpu"));
+    json_object_set_new(json, "width", json_integer(settings->width));
+    json_object_set_new(json, "height", json_integer(settings->height));
+    json_object_set_new(json, "tile", json_integer(report->tile));
+    json_object_set_new(json, "rays_cast", json_integer((json_int_t)stats->rays_cast));
+    json_object_set_new(json, "rays_entering", json_integer((json_int_t)stats->rays_entering));
+    json_object_set_new(json, "rays_hitting", json_integer((json_int_t)stats->rays_hitting));
+    json_object_set_new(json, "coarse_steps_per_ray", json_real((double)counters->coarse_steps / rays));
+    json_object_set_new(json, "fine_steps_per_ray", json_real((double)counters->fine_steps / rays));
+    json_object_set_new(json, "cells_tested_per_ray", json_real((double)counters->cells_tested / rays));
+    json_object_set_new(json, "mean_active_lanes", json_real(lanes > 0 ? (double)counters->lanes_active / lanes : 1));
+    json_object_set_new(json, "load_ms", json_real(report->load_ms));
+    json_object_set_new(json, "precompute_ms", json_real(report->scene->precompute_ms));
+    json_object_set_new(json, "precompute_bytes", json_integer((json_int_t)report->scene->precompute_bytes));
+    json_object_set_new(json, "frame_ms", json_real(stats->frame_ms));
+    json_object_set_new(json, "ns_per_ray", json_real(stats->frame_ms * 1e6 / rays));
+    json_object_set_new(json, "phase_rays_ms", json_real(stats->rays_ms));
+    json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms));
+    json_object_set_new(json, "phase_shade_ms", json_real(stats->shade_ms));
+    return json;
+}
+
+void df_report_print(const json_t *json) {
+    const char *name;
+    json_t *value;
+    json_object_foreach((json_t *)json, name, value) {
+        if (json_is_string(value)) printf("%-22s %s\n", name, json_string_value(value));
+        else if (json_is_integer(value)) printf("%-22s %" JSON_INTEGER_FORMAT "\n", name, json_integer_value(value));
+        else printf("%-22s %.4g\n", name, json_real_value(value));
+    }
+}

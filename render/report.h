@@ -1,0 +1,23 @@
+/* What df-render says about a picture: one JSON object, or the same as text. */
+#ifndef DF_REPORT_H
+#define DF_REPORT_H
+
+#include "render/settings.h"
+
+#include <jansson.h>
+
+typedef struct df_report {
+    const char *field_path;
+    const df_scene *scene;
+    const df_settings *settings;
+    df_frame_stats stats;
+    uint32_t threads, tile;
+    double load_ms;
+} df_report;
+
+/* NULL when memory is short. The names are those of measure: tools rely on them. */
+json_t *df_report_json(const df_report *report);
+
+void df_report_print(const json_t *json);
+
+#endif

@@ -1,0 +1,149 @@
+#include "render/settings.h"
+#include "common/options.h"
+#include "render/gradient.h"
+#include "render/solve_methods.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEGREE (M_PI / 180)
+
+void df_settings_defaults(df_settings *settings) {
+    memset(settings, 0, sizeof *settings);
+    settings->width = 1280;
+    settings->height = 1024;
+    settings->tracer = df_tracers[0];
+    settings->solve = DF_SOLVE_ROBUST;
+    settings->gradient = DF_GRADIENT_CORNER_CENTRAL;
+    settings->orbit[0] = 30;
+    settings->orbit[1] = 20;
+    settings->orbit[2] = 1.6;
+    settings->fov = 1 / DEGREE;
+    settings->camera.up[1] = 1;
+}
+
+static df_status set_tracer(df_settings *settings, const char *value, df_error *err) {
+    char names[512] = "";
+    settings->tracer = df_tracer_find(value);
+    if (settings->tracer) return DF_OK;
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
+    }
+    return df_fail(err, DF_ERROR_USAGE, "--tracer %s: expected one of %s", value, names + 2);
+}
+
+static df_status set_camera(df_settings *s, const char *name, const char *value, bool *known, df_error *err) {
+    if (strcmp(name, "orbit") == 0) {
+        s->has_orbit = true;
+        df_status status = df_parse_doubles("--orbit", value, 3, s->orbit, err);
+        if (status == DF_OK && fabs(s->orbit[1]) > 90) {
+            return df_fail(err, DF_ERROR_USAGE, "--orbit %s: the elevation must lie between -90 and 90 degrees", value);
+        }
+        return status;
+    }
+    if (strcmp(name, "eye") == 0) {
+        s->has_eye = true;
+        return df_parse_doubles("--eye", value, 3, s->camera.eye, err);
+    }
+    if (strcmp(name, "look-at") == 0) {
+        s->has_look_at = true;
+        return df_parse_doubles("--look-at", value, 3, s->camera.look_at, err);
+    }
+    if (strcmp(name, "up") == 0) {
+        s->has_up = true;
+        return df_parse_doubles("--up", value, 3, s->camera.up, err);
+    }
+    if (strcmp(name, "fov") == 0) return df_parse_double("--fov", value, 0.001, 179, &s->fov, err);
+    *known = false;
+    return DF_OK;
+}
+
+df_status df_settings_set(df_settings *s, const char *name, const char *value, bool *known, df_error *err) {
+    uint32_t number;
+    df_status status;
+    *known = true;
+    if (strcmp(name, "size") == 0) return df_parse_size("--size", value, &s->width, &s->height, err);
+    if (strcmp(name, "iso") == 0) return df_parse_double("--iso", value, -3e38, 3e38, &s->iso, err);
+    if (strcmp(name, "levels") == 0) return df_parse_u32("--levels", value, 1, 2, &s->scene.levels, err);
+    if (strcmp(name, "coarse") == 0) {
+        status = df_parse_u32("--coarse", value, 4, 8, &s->scene.coarse, err);
+        if (status == DF_OK && s->scene.coarse != 4 && s->scene.coarse != 8) {
+            return df_fail(err, DF_ERROR_USAGE, "--coarse %s: expected 4 or 8", value);
+        }
+        return status;
+    }
+    if (strcmp(name, "tracer") == 0) return set_tracer(s, value, err);
+    if (strcmp(name, "intersect") == 0) {
+        status = df_parse_name("--intersect", value, df_solve_names, &number, err);
+        if (status == DF_OK) s->solve = (int)number;
+        return status;
+    }
+    if (strcmp(name, "steps") == 0) {
+        status = df_parse_u32("--steps", value, 1, 100, &number, err);
+        if (status == DF_OK) s->steps = (int)number;
+        return status;
+    }
+    if (strcmp(name, "gradient") == 0) {
+        status = df_parse_name("--gradient", value, df_gradient_names, &number, err);
+        if (status == DF_OK) s->gradient = (int)number;
+        return status;
+    }
+    return set_camera(s, name, value, known, err);
+}
+
+df_status df_settings_camera(const df_settings *s, const df_field *field, df_camera *camera, df_error *err) {
+    if (s->steps && df_solve_steps(s->solve) == 0) {
+        return df_fail(err, DF_ERROR_USAGE, "--steps: --intersect %s has no steps", df_solve_names[s->solve]);
+    }
+    if (s->has_orbit && (s->has_eye || s->has_look_at || s->has_up)) {
+        return df_fail(err, DF_ERROR_USAGE, "--orbit places the camera: it cannot go with --eye, --look-at or --up");
+    }
+    df_camera_orbit(field, s->orbit[0], s->orbit[1], s->orbit[2], camera);
+    camera->fov_y = s->fov * DEGREE;
+    if (s->has_orbit) return DF_OK;
+    if (s->has_eye) {
+        memcpy(camera->eye, s->camera.eye, sizeof camera->eye);
+        memcpy(camera->up, s->camera.up, sizeof camera->up);
+    }
+    if (s->has_up) memcpy(camera->up, s->camera.up, sizeof camera->up);
+    if (s->has_look_at) memcpy(camera->look_at, s->camera.look_at, sizeof camera->look_at);
+    return DF_OK;
+}
+
+char *df_settings_text(const df_settings *s, const df_camera *c) {
+    char *text = NULL;
+    size_t size;
+    FILE *stream = open_memstream(&text, &size);
+    if (!stream) return NULL;
+    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso, s->tracer->name,
+            df_solve_names[s->solve], df_gradient_names[s->gradient]);
+    if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
+    if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
+    if (s->scene.coarse) fprintf(stream, "coarse=%u\n", s->scene.coarse);
+    fprintf(stream, "eye=%.17g,%.17g,%.17g\nlook-at=%.17g,%.17g,%.17g\nup=%.17g,%.17g,%.17g\nfov=%.17g", c->eye[0], c->eye[1],
+            c->eye[2], c->look_at[0], c->look_at[1], c->look_at[2], c->up[0], c->up[1], c->up[2], s->fov);
+    if (fclose(stream) != 0) {
+        free(text);
+        return NULL;
+    }
+    return text;
+}
+
+df_status df_settings_parse(df_settings *settings, const char *text, const char *name, df_error *err) {
+    char *copy = strdup(text), *rest = copy;
+    if (!copy) return df_fail(err, DF_ERROR_MEMORY, "%s: out of memory", name);
+    df_status status = DF_OK;
+    for (char *line; status == DF_OK && (line = strsep(&rest, "\n"));) {
+        char *value = strchr(line, '=');
+        bool known = false;
+        if (value) {
+            *value++ = 0;
+            status = df_settings_set(settings, line, value, &known, err);
+        }
+        if (status == DF_OK && !known) status = df_fail(err, DF_ERROR_FORMAT, "%s: unknown setting '%s'", name, line);
+    }
+    free(copy);
+    return status;
+}

@@ -1,0 +1,93 @@
+/*
+ * Tracers: ways to find the first hit of rays.
+ *
+ * A tracer gets a tile of rays and returns its hits; it knows nothing of gradients and colours. They are a second pass over hits
+ * (frame.h), the same for all tracers. A tile is usually a small rectangle of pixels, traced by one thread of many; for a tracer with
+ * whole_frame set it is the whole picture; and without a view it is a buffer of arbitrary rays. All tracers give the same hits, bit for
+ * bit, for the same solve.
+ */
+#ifndef DF_TRACER_H
+#define DF_TRACER_H
+
+#include "render/scene.h"
+#include "render/view.h"
+
+/* Hits as arrays, only those that there are, in any order. */
+#define DF_HIT_BACK 1u /* the ray came from inside: what it sees is a back face */
+typedef struct df_hits {
+    uint32_t count, capacity;
+    uint32_t *ray;     /* index of the ray in its tile */
+    uint16_t *cell[3]; /* the voxel */
+    uint32_t *block;   /* its brick or mask block (df_scene_block); 0 for uniform fields */
+    uint8_t *flags;
+    float *local[3];   /* position in the cell, [0,1]^3 */
+    double *t;         /* along the ray as the caller knows it: t_base included */
+} df_hits;
+
+df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err);
+void df_hits_free(df_hits *hits);
+
+/* What was done, summed over rays; threads have one each. */
+typedef struct df_counters {
+    uint64_t coarse_steps, fine_steps; /* cells visited */
+    uint64_t cells_tested;             /* cell segments whose field values were computed */
+    uint64_t lanes_active, lanes_total; /* of SIMD steps */
+} df_counters;
+
+/* Called before each tile is a place to put what the tile's rays are. */
+typedef struct df_tile {
+    const df_view *view; /* NULL: arbitrary rays, x and y are meaningless, width = rays.count, height = 1 */
+    uint32_t x, y, width, height;
+    df_rays rays; /* row by row */
+} df_tile;
+
+typedef struct df_trace_options {
+    int solve;          /* DF_SOLVE_... of solve.h */
+    int steps;          /* of the solve; 0: df_solve_steps */
+    uint32_t threads;   /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
+    uint32_t tile_rays; /* the most rays in a tile */
+} df_trace_options;
+
+typedef struct df_tracer df_tracer;
+struct df_tracer {
+    const char *name;
+    const char *summary; /* for --help */
+    bool whole_frame;    /* wants one tile, the picture, from one thread */
+
+    /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a view. */
+    df_status (*prepare)(const df_scene *scene, const df_trace_options *options, void **state, df_error *err);
+    void (*release)(void *state);
+    /* NULL or called once before the tiles of a picture. */
+    df_status (*begin_frame)(void *state, const df_view *view, df_error *err);
+    /* NULL, or false where no ray of the tile can hit: its rays are then not even made. tile->rays is not valid yet. */
+    bool (*touches)(const void *state, const df_tile *tile);
+    /* Appends the hits of a tile to hits, which is empty and has room for one a ray. */
+    df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
+};
+
+extern const df_tracer df_tracer_dda;
+
+/* All tracers that were built in, ended by NULL; the first is what "auto" means where it is correct. */
+extern const df_tracer *const df_tracers[];
+const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
+
+/* Names of solves and gradients, by number, ended by NULL. */
+extern const char *const df_solve_names[];
+extern const char *const df_gradient_names[];
+
+/* The default of --steps. Linear, midpoint, analytic: 0. Repeated, marmitt: interpolations after the first (3). Robust: Illinois steps
+ * at most (16). */
+int df_solve_steps(int solve);
+
+/* A cell that a walk has accepted for a ray of its tile: to be solved. */
+typedef struct df_candidate {
+    uint32_t ray, block;
+    uint16_t cell[3];
+    uint8_t flags;
+} df_candidate;
+
+/* Solves accepted cells, in double, and appends them to hits: the last step of every tracer that walks cells. */
+void df_candidates_solve(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
+                         const df_candidate *candidates, uint32_t count, df_hits *hits);
+
+#endif
