@@ -120,14 +120,7 @@ static void shade_hit(const df_renderer *renderer, const df_tile *tile, const df
         for (int c = 0; c < 3; c++) picture->rgb[3 * pixel + c] = renderer->shade_table[shade_level(albedo[c] * light)];
     }
     if (picture->normals) memcpy(picture->normals + 3 * pixel, normal, sizeof normal);
-    if (picture->depth) {
-        double length = 0;
-        for (int a = 0; a < 3; a++) {
-            double w = (double)direction[a] * (double)view->relative_size[a];
-            length += w * w;
-        }
-        picture->depth[pixel] = (float)(hits->t[i] * sqrt(length) * view->world_unit);
-    }
+    if (picture->depth) picture->depth[pixel] = df_view_distance(view, direction, hits->t[i]);
 }
 
 static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture *picture) {

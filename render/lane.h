@@ -11,12 +11,7 @@
 #ifndef DF_LANE_H
 #define DF_LANE_H
 
-#ifdef DF_OPENCL
-#pragma OPENCL FP_CONTRACT OFF
-#else
-#include <math.h>
-#include <stdint.h>
-#endif
+#include "render/dialect.h"
 
 #ifndef DF_LANES
 #define DF_LANES 1

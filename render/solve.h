@@ -60,14 +60,14 @@ static inline lr LR(df_repeat_linear)(const lr bern[4], lrm inside, LR(df_bracke
 
 /* Regula falsi that halves the value of an end which stays (Illinois); a lane that no longer moves is left alone. */
 static inline lr LR(df_illinois)(const lr bern[4], lrm inside, LR(df_bracket) part, int steps, lr tolerance) {
-    const lr half = lr_set(0.5);
-    lrm kept_low = lr_lt(half, lr_set(0)), kept_high = kept_low, done = kept_low; /* all false */
+    const lr one_half = lr_set(0.5);
+    lrm kept_low = lr_lt(one_half, lr_set(0)), kept_high = kept_low, done = kept_low; /* all false */
     lr s = LR(df_chord)(part.low, part.high, part.f_low, part.f_high);
     for (int i = 0; i < steps; i++) {
         lr f = LR(df_cubic)(bern, s);
         lrm crossed = lrm_xor(inside, lr_lt(f, lr_set(0)));
-        part.f_low = lr_select(crossed, lr_select(kept_low, part.f_low * half, part.f_low), f);
-        part.f_high = lr_select(crossed, f, lr_select(kept_high, part.f_high * half, part.f_high));
+        part.f_low = lr_select(crossed, lr_select(kept_low, part.f_low * one_half, part.f_low), f);
+        part.f_high = lr_select(crossed, f, lr_select(kept_high, part.f_high * one_half, part.f_high));
         part.high = lr_select(crossed, s, part.high);
         part.low = lr_select(crossed, part.low, s);
         kept_low = crossed;

@@ -127,18 +127,6 @@ void df_rays_pad(df_rays *rays) {
     }
 }
 
-/* Moves the origin of a ray from afar to two voxels before the box, or to its closest approach where it misses. */
-static void rebase(const double box[3], const double origin[3], const double direction[3], double moved[3], double *t_base) {
-    double t_in = 0, length = sqrt(dot(direction, direction));
-    for (int a = 0; a < 3; a++) {
-        if (direction[a] == 0) continue;
-        double plane = direction[a] > 0 ? 0 : box[a];
-        t_in = fmax(t_in, (plane - origin[a]) / direction[a]);
-    }
-    *t_base = fmax(0, t_in - 2 / length);
-    for (int a = 0; a < 3; a++) moved[a] = origin[a] + *t_base * direction[a];
-}
-
 static void set_ray(df_rays *rays, uint32_t i, const double direction[3]) {
     for (int a = 0; a < 3; a++) {
         rays->direction[a][i] = df_ray_direction(direction[a]);
@@ -153,7 +141,7 @@ static void far_rays(const df_view *view, uint32_t x0, uint32_t y0, uint32_t wid
             for (int a = 0; a < 3; a++) {
                 direction[a] = (view->corner[a] + (y0 + y) * view->down[a]) + (x0 + x) * view->right[a];
             }
-            rebase(view->box, view->eye, direction, origin, &rays->t_base[i]);
+            df_ray_rebase(view->box, view->eye, direction, origin, &rays->t_base[i]);
             for (int a = 0; a < 3; a++) rays->origin[a][i] = (float)origin[a];
             set_ray(rays, i, direction);
         }
@@ -196,7 +184,7 @@ bool df_rays_set(df_rays *rays, uint32_t index, const double box[3], const doubl
         o[a] = origin[a];
     }
     rays->t_base[index] = 0;
-    if (far_away(box, origin)) rebase(box, origin, d, o, &rays->t_base[index]);
+    if (far_away(box, origin)) df_ray_rebase(box, origin, d, o, &rays->t_base[index]);
     for (int a = 0; a < 3; a++) rays->origin[a][index] = (float)o[a];
     set_ray(rays, index, d);
     *t_scale = 1 / largest;

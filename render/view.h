@@ -9,6 +9,7 @@
 #define DF_VIEW_H
 
 #include "common/field.h"
+#include "render/ray.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,18 +19,6 @@ typedef struct df_camera {
     double eye[3], look_at[3], up[3];
     double fov_y; /* vertical field of view, radians */
 } df_camera;
-
-/* A camera in the grid of a field, for an image of width x height pixels. Only doubles and 32-bit integers: it may be
- * copied to a device as it is. */
-typedef struct df_view {
-    double eye[3];                        /* grid space */
-    double corner[3], right[3], down[3];  /* pixel (x,y), from the top left: direction corner + x right + y down */
-    double box[3];                        /* the field reaches from 0 to box */
-    float relative_size[3];               /* voxel size by axis over the largest of them */
-    uint32_t width, height;
-    uint32_t rebase; /* 1: every ray gets an origin of its own before the field's box, and a t_base */
-    double world_unit; /* the largest voxel size: distance in the world = t * |direction * relative_size| * world_unit */
-} df_view;
 
 /* Fails with DF_ERROR_USAGE for a camera without a direction (eye = look_at, up along the view) or numbers that are not usable. */
 df_status df_view_make(const df_camera *camera, const df_field *field, uint32_t width, uint32_t height, df_view *view,
@@ -49,17 +38,6 @@ typedef struct df_rays {
     float *inverse[3];    /* 1 / direction */
     double *t_base;       /* added to t for the caller; NULL: 0 */
 } df_rays;
-
-/* Zero directions along an axis (and negative zeros, and what would overflow when inverted) are moved by this much, which moves no
- * point of the field: o + 1e-30 t rounds to o, or lies 1e-25 from a plane that goes through the origin. So no parameter is
- * ever NaN or 0 * infinity, and a ray in a grid plane belongs to the cells above it. */
-#define DF_DIRECTION_MIN 1e-30f
-
-static inline float df_ray_direction(double d) {
-    float f = (float)d;
-    if (f < DF_DIRECTION_MIN && f > -DF_DIRECTION_MIN) return f < 0 ? -DF_DIRECTION_MIN : DF_DIRECTION_MIN;
-    return f;
-}
 
 /* Room for `count` rays; free with df_rays_free. with_base: t_base is there as well. */
 df_status df_rays_alloc(uint32_t count, bool with_base, df_rays *rays, df_error *err);

@@ -1,0 +1,25 @@
+/*
+ * What C and OpenCL C (with DF_OPENCL defined) call differently, for texts that compile as both.
+ */
+#ifndef DF_DIALECT_H
+#define DF_DIALECT_H
+
+#ifdef DF_OPENCL
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#pragma OPENCL FP_CONTRACT OFF
+typedef uchar uint8_t;
+typedef ushort uint16_t;
+typedef int int32_t;
+typedef uint uint32_t;
+typedef long int64_t;
+typedef ulong uint64_t;
+#define floorf floor
+#define DF_GLOBAL __global /* the memory of fields and rays */
+#else
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#define DF_GLOBAL
+#endif
+
+#endif
