@@ -10,7 +10,7 @@
 #define DF_DDA_H
 
 #ifndef DF_OPENCL
-#include "render/tracer.h"
+#include "render/tracer.h" /* not for devices */
 #endif
 
 #include "render/lane_f32.h"

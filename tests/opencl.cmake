@@ -1,0 +1,2 @@
+# The OpenCL tracers, on PoCL where there is nothing else; skipped with the reason where there is no device.
+df_test(test_opencl LABELS opencl LIBS distfield-render SOURCES fields.c tracing.c)

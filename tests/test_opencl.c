@@ -1,0 +1,472 @@
+/* OpenCL against the scalar tracer. With --full: every structure, sample type, solve and gradient; otherwise pairs of them. */
+#include "common/memory.h"
+#include "fields.h"
+#include "render/gradient.h"
+#include "render/opencl_frame.h"
+#include "render/solve_methods.h"
+#include "tracing.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static df_opencl_info *devices;
+static uint32_t device_count, device;
+static bool full;
+
+/* Bumps of about a voxel and thin walls: cells with several crossings, flat cells and every kind of neighbour. */
+static double lumps(const double p[3], const void *context) {
+    const double n = *(const double *)context, x = p[0] - n / 2, y = p[1] - n / 2, z = p[2] - n / 2;
+    const double wave = 0.8 * sin(1.7 * p[0]) * sin(1.3 * p[1]) * sin(1.9 * p[2]);
+    return fabs(sqrt(x * x + y * y + 1.2 * z * z) - 0.33 * n) - 0.9 + wave;
+}
+
+/* Rewrites f32 samples as u16 or u8, with one step for all. */
+static void quantise(df_field *field, df_sample_type type) {
+    const float *samples = field->samples;
+    float largest = fmaxf(fabsf(field->value_min), fabsf(field->value_max));
+    const int half = type == DF_SAMPLE_U16 ? 32768 : 128;
+    int exponent = 0;
+    while (df_power_of_two(exponent) * (float)(half - 1) > largest) exponent--;
+    exponent++;
+    void *quantised = calloc(field->sample_count, df_sample_size(type));
+    assert_non_null(quantised);
+    for (uint64_t i = 0; i < field->sample_count; i++) {
+        int q = (int)lrintf(samples[i] / df_power_of_two(exponent)) + half;
+        if (type == DF_SAMPLE_U16) ((uint16_t *)quantised)[i] = (uint16_t)q;
+        else ((uint8_t *)quantised)[i] = (uint8_t)q;
+    }
+    df_field_own(field, quantised);
+    field->samples = quantised;
+    field->sample_type = type;
+    if (field->kind == DF_FIELD_BRICKS) {
+        int8_t *exponents = malloc(field->brick_count);
+        assert_non_null(exponents);
+        memset(exponents, exponent, field->brick_count);
+        df_field_own(field, exponents);
+        field->brick_exponents = exponents;
+    } else {
+        field->step_exponent = exponent;
+    }
+}
+
+/* A structure that a field can be walked in. */
+typedef struct structure {
+    df_field_kind kind;
+    uint32_t brick_size;
+    df_scene_options scene;
+} structure;
+static const structure structures[] = {
+    {DF_FIELD_DENSE, 0, {1, 0}}, {DF_FIELD_DENSE, 0, {2, 8}}, {DF_FIELD_DENSE, 0, {2, 4}}, {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_BRICKS, 4, {0, 0}},
+};
+enum { STRUCTURE_COUNT = sizeof structures / sizeof structures[0] };
+
+static void make_scene(const structure *form, df_sample_type type, float iso, df_field *field, df_scene *scene) {
+    const uint32_t count[3] = {37, 30, 41};
+    const double n = 32;
+    df_error err;
+    memset(field, 0, sizeof *field);
+    assert_int_equal(test_field_from_function(field, form->kind, form->brick_size, count, lumps, &n, &err), DF_OK);
+    if (type != DF_SAMPLE_F32) quantise(field, type);
+    assert_int_equal(df_scene_prepare(field, iso, &form->scene, scene, &err), DF_OK);
+}
+
+
+static void alloc_picture(const df_view *view, df_picture *picture) {
+    const uint64_t pixels = (uint64_t)view->width * view->height;
+    df_error err;
+    picture->width = view->width;
+    picture->height = view->height;
+    assert_int_equal(df_alloc((void **)&picture->rgb, pixels, 3, "rgb", &err), DF_OK);
+    assert_int_equal(df_alloc((void **)&picture->depth, pixels, 4, "depth", &err), DF_OK);
+    assert_int_equal(df_alloc((void **)&picture->normals, pixels, 12, "normals", &err), DF_OK);
+}
+
+static void free_picture(df_picture *picture) {
+    free(picture->rgb);
+    free(picture->depth);
+    free(picture->normals);
+}
+
+static void assert_same_picture(const df_picture *a, const df_picture *b) {
+    const size_t pixels = (size_t)a->width * a->height;
+    assert_memory_equal(a->rgb, b->rgb, pixels * 3);
+    assert_memory_equal(a->depth, b->depth, pixels * 4);
+    assert_memory_equal(a->normals, b->normals, pixels * 12);
+}
+
+static void make_view(const df_field *field, double azimuth, double elevation, double distance, uint32_t width, uint32_t height, df_view *view) {
+    df_camera camera = {.fov_y = 1};
+    df_error err;
+    df_camera_orbit(field, azimuth, elevation, distance, &camera);
+    assert_int_equal(df_view_make(&camera, field, width, height, view, &err), DF_OK);
+}
+
+static void scalar_picture(const df_scene *scene, int solve, int gradient, const df_view *view, df_picture *picture, df_frame_stats *stats) {
+    const df_frame_options options = {&df_tracer_dda, solve, 0, gradient, 64, 2};
+    df_renderer *renderer;
+    df_error err;
+    assert_int_equal(df_renderer_open(scene, &options, view->width, view->height, &renderer, &err), DF_OK);
+    assert_int_equal(df_renderer_frame(renderer, view, picture, stats, &err), DF_OK);
+    df_renderer_close(renderer);
+}
+
+static df_opencl_renderer *open_renderer(const df_scene *scene, int solve, int gradient) {
+    const df_opencl_options options = {.solve = solve, .gradient = gradient, .log = stderr};
+    df_opencl_renderer *renderer;
+    df_error err;
+    df_status status = df_opencl_renderer_open(&devices[device], scene, &options, &renderer, &err);
+    if (status != DF_OK) fail_msg("%s", err.text);
+    return renderer;
+}
+
+/* The scalar picture and the device's are the same bytes; for the closed form, whose functions are the device's own, within 1e-5. */
+static void compare_pictures(const df_scene *scene, int solve, int gradient, const df_view *view) {
+    df_picture expected = {0}, got = {0};
+    df_error err;
+    alloc_picture(view, &expected);
+    alloc_picture(view, &got);
+    scalar_picture(scene, solve, gradient, view, &expected, NULL);
+    df_opencl_renderer *renderer = open_renderer(scene, solve, gradient);
+    assert_int_equal(df_opencl_renderer_rows(renderer, view, 0, view->height, &got, NULL, &err), DF_OK);
+    if (solve != DF_SOLVE_ANALYTIC && devices[device].correctly_rounded) {
+        assert_same_picture(&expected, &got);
+    } else {
+        for (size_t i = 0; i < (size_t)view->width * view->height; i++) {
+            assert_int_equal(isinf(expected.depth[i]), isinf(got.depth[i]));
+            if (!isinf(got.depth[i])) assert_true(fabsf(expected.depth[i] - got.depth[i]) <= 1e-5f + expected.depth[i] * 0x1p-22f);
+        }
+    }
+    df_opencl_renderer_close(renderer);
+    free_picture(&expected);
+    free_picture(&got);
+}
+
+static void pictures_are_those_of_the_scalar_tracer(void **state) {
+    (void)state;
+    for (int s = 0; s < STRUCTURE_COUNT; s++) {
+        for (df_sample_type type = DF_SAMPLE_F32; type <= DF_SAMPLE_U8; type++) {
+            df_field field;
+            df_scene scene;
+            df_view view;
+            if (!full && type != DF_SAMPLE_F32 && s % 2 != (int)type % 2) continue;
+            make_scene(&structures[s], type, 0, &field, &scene);
+            make_view(&field, 30 * s, 20, 1.3, 93, 71, &view);
+            for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
+                for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
+                    if (full || gradient == (solve + s + (int)type) % DF_GRADIENT_COUNT) compare_pictures(&scene, solve, gradient, &view);
+                }
+            }
+            df_scene_free(&scene);
+            df_field_free(&field);
+        }
+    }
+}
+
+static void cameras_inside_far_away_and_along_the_axes_see_the_same(void **state) {
+    (void)state;
+    const double orbits[][3] = {{30, 20, 0.1}, {30, 20, 500}, {0, 0, 2}, {90, 0, 2}, {10, 90, 3}, {200, -40, 0.45}};
+    const int forms[] = {1, 3};
+    for (size_t f = 0; f < sizeof forms / sizeof forms[0]; f++) {
+        df_field field;
+        df_scene scene;
+        make_scene(&structures[forms[f]], DF_SAMPLE_F32, 0, &field, &scene);
+        for (size_t i = 0; i < sizeof orbits / sizeof orbits[0]; i++) {
+            df_view view;
+            make_view(&field, orbits[i][0], orbits[i][1], orbits[i][2], 64, 48, &view);
+            compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, &view);
+        }
+        df_scene_free(&scene);
+        df_field_free(&field);
+    }
+}
+
+static void iso_and_voxel_shapes_go_to_the_device(void **state) {
+    (void)state;
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_error err;
+    make_scene(&structures[1], DF_SAMPLE_F32, 0, &field, &scene);
+    df_scene_free(&scene);
+    field.voxel_size[0] = 0.5;
+    field.voxel_size[2] = 4;
+    assert_int_equal(df_scene_prepare(&field, 0.25f, &structures[1].scene, &scene, &err), DF_OK);
+    make_view(&field, 50, 30, 1.2, 100, 60, &view);
+    compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void strips_of_rows_make_the_picture_and_counts_are_equal(void **state) {
+    (void)state;
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture expected = {0}, got = {0};
+    df_frame_stats stats;
+    df_counters counters;
+    df_opencl_times times;
+    uint64_t hitting;
+    df_error err;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 101, 83, &view);
+    alloc_picture(&view, &expected);
+    alloc_picture(&view, &got);
+    scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, &stats);
+    df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
+    const uint32_t cuts[] = {0, 0, 1, 9, 50, 83, 83};
+    for (size_t i = 0; i + 1 < sizeof cuts / sizeof cuts[0]; i++) {
+        assert_int_equal(df_opencl_renderer_rows(renderer, &view, cuts[i], cuts[i + 1] - cuts[i], &got, &times, &err), DF_OK);
+        assert_true(cuts[i] == cuts[i + 1] || (times.trace_ms > 0 && times.shade_ms > 0 && times.host_end_ms > times.host_start_ms));
+    }
+    assert_same_picture(&expected, &got);
+    assert_int_equal(df_opencl_renderer_count(renderer, &view, &hitting, &counters, &err), DF_OK);
+    assert_int_equal(hitting, stats.rays_hitting);
+    assert_int_equal(counters.coarse_steps, stats.counters.coarse_steps);
+    assert_int_equal(counters.fine_steps, stats.counters.fine_steps);
+    assert_int_equal(counters.cells_tested, stats.counters.cells_tested);
+    df_opencl_renderer_close(renderer);
+    free_picture(&expected);
+    free_picture(&got);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
+    (void)state;
+    enum { COUNT = 20001 };
+    double *origins = malloc(COUNT * 3 * sizeof *origins), *directions = malloc(COUNT * 3 * sizeof *directions);
+    test_hit *expected = malloc(COUNT * sizeof *expected);
+    assert_true(origins && directions && expected);
+    for (int s = 0; s < STRUCTURE_COUNT; s++) {
+        df_field field;
+        df_scene scene;
+        df_rays rays;
+        df_hits hits;
+        df_error err;
+        make_scene(&structures[s], DF_SAMPLE_F32, 0, &field, &scene);
+        const double box[3] = {scene.voxel_count[0], scene.voxel_count[1], scene.voxel_count[2]};
+        test_random_rays(COUNT, 77 + (uint64_t)s, box, origins, directions);
+        assert_int_equal(test_trace(&df_tracer_dda, &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT, &rays, expected, &err), DF_OK);
+        df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
+        assert_int_equal(df_hits_alloc(COUNT, &hits, &err), DF_OK);
+        assert_int_equal(df_opencl_renderer_trace(renderer, &rays, &hits, NULL, &err), DF_OK);
+        uint32_t h = 0;
+        for (uint32_t i = 0; i < COUNT; i++) {
+            test_hit got = {0};
+            if (h < hits.count && hits.ray[h] == i) {
+                got.hit = true;
+                got.flags = hits.flags[h];
+                got.t = hits.t[h];
+                for (int a = 0; a < 3; a++) {
+                    got.cell[a] = hits.cell[a][h];
+                    got.local[a] = hits.local[a][h];
+                }
+                h++;
+            }
+            assert_true(test_same_hit(&expected[i], &got));
+        }
+        assert_int_equal(h, hits.count);
+        assert_true(h > COUNT / 20);
+        df_opencl_renderer_close(renderer);
+        df_hits_free(&hits);
+        df_rays_free(&rays);
+        df_scene_free(&scene);
+        df_field_free(&field);
+    }
+    free(origins);
+    free(directions);
+    free(expected);
+}
+
+static void a_field_that_is_too_large_is_refused_with_what_would_fit(void **state) {
+    (void)state;
+    df_field field;
+    df_scene scene;
+    df_error err;
+    make_scene(&structures[1], DF_SAMPLE_F32, 0, &field, &scene);
+    const uint64_t samples = field.sample_count;
+    assert_int_equal(df_opencl_fits(&scene, samples * 4, 1 << 30, "a device", &err), DF_OK);
+    assert_int_equal(df_opencl_fits(&scene, samples * 4 - 1, 1 << 30, "a device", &err), DF_ERROR_MEMORY);
+    assert_non_null(strstr(err.text, "a device"));
+    assert_non_null(strstr(err.text, "dense u16"));
+    assert_non_null(strstr(err.text, "bricks of u8"));
+    assert_null(strstr(err.text, "dense f32"));
+    assert_int_equal(df_opencl_fits(&scene, samples * 4, samples * 4, "a device", &err), DF_ERROR_MEMORY);
+    assert_int_equal(df_opencl_fits(&scene, 10, 10, "a device", &err), DF_ERROR_MEMORY);
+    assert_non_null(strstr(err.text, "lower resolution"));
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void a_kernel_that_does_not_build_names_its_file_and_line(void **state) {
+    (void)state;
+    df_opencl opened;
+    df_error err;
+    char *log = NULL;
+    size_t log_size;
+    FILE *stream = open_memstream(&log, &log_size);
+    assert_int_equal(df_opencl_open(&devices[device], &opened, &err), DF_OK);
+    assert_int_equal(df_opencl_build_source(&opened, "#line 41 \"render/kernels/wrong.cl\"\n__kernel void f() { nothing(; }\n", "", stream, &err),
+                     DF_ERROR_UNSUPPORTED);
+    fclose(stream);
+    assert_non_null(strstr(err.text, "wrong.cl:41"));
+    assert_non_null(strstr(err.text, "CL_BUILD_PROGRAM_FAILURE"));
+    assert_non_null(strstr(log, "wrong.cl:41"));
+    free(log);
+    df_opencl_close(&opened);
+}
+
+static void work_groups_of_any_shape_make_the_same_picture_or_are_refused(void **state) {
+    (void)state;
+    const uint32_t groups[][2] = {{1, 1}, {64, 1}, {3, 5}, {1u << 16, 1u << 10}};
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture expected = {0}, got = {0};
+    df_error err;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 50, 40, &view);
+    alloc_picture(&view, &expected);
+    alloc_picture(&view, &got);
+    scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
+    for (int i = 0; i < 4; i++) {
+        const df_opencl_options options = {
+            .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .group = {groups[i][0], groups[i][1]}, .log = stderr};
+        df_opencl_renderer *renderer;
+        df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
+        assert_int_equal(status, i < 3 ? DF_OK : DF_ERROR_UNSUPPORTED);
+        if (status != DF_OK) continue;
+        assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &got, NULL, &err), DF_OK);
+        if (devices[device].correctly_rounded) assert_same_picture(&expected, &got);
+        df_opencl_renderer_close(renderer);
+    }
+    free_picture(&expected);
+    free_picture(&got);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+/* ---- calls that fail ---- */
+
+static cl_int fail_launch(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset, const size_t *global,
+                          const size_t *local, cl_uint wait_count, const cl_event *wait, cl_event *event) {
+    (void)queue, (void)kernel, (void)dimensions, (void)offset, (void)global, (void)local, (void)wait_count, (void)wait, (void)event;
+    return CL_OUT_OF_RESOURCES;
+}
+static cl_int fail_finish(cl_command_queue queue) {
+    (void)queue;
+    return CL_DEVICE_NOT_AVAILABLE;
+}
+static cl_int fail_read(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset, size_t size, void *data, cl_uint wait_count,
+                        const cl_event *wait, cl_event *event) {
+    (void)queue, (void)memory, (void)blocking, (void)offset, (void)size, (void)data, (void)wait_count, (void)wait, (void)event;
+    return CL_OUT_OF_HOST_MEMORY;
+}
+static cl_mem fail_buffer(cl_context context, cl_mem_flags flags, size_t size, void *data, cl_int *code) {
+    (void)context, (void)flags, (void)size, (void)data;
+    *code = CL_MEM_OBJECT_ALLOCATION_FAILURE;
+    return NULL;
+}
+static cl_context fail_context(const cl_context_properties *properties, cl_uint count, const cl_device_id *ids,
+                               void(CL_CALLBACK *notify)(const char *, const void *, size_t, void *), void *data, cl_int *code) {
+    (void)properties, (void)count, (void)ids, (void)notify, (void)data;
+    *code = CL_DEVICE_NOT_AVAILABLE;
+    return NULL;
+}
+
+static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
+    (void)state;
+    const df_opencl_api *loaded;
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture picture = {0};
+    df_error err;
+    assert_int_equal(df_opencl_load(&loaded, &err), DF_OK);
+    df_opencl_api *api = (df_opencl_api *)(uintptr_t)loaded; /* the table is ours to bend here */
+    const df_opencl_api whole = *api;
+    const df_opencl_options options = {.solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL};
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 50, 40, &view);
+    alloc_picture(&view, &picture);
+    df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL), *other;
+
+    api->EnqueueNDRangeKernel = fail_launch;
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "clEnqueueNDRangeKernel failed with CL_OUT_OF_RESOURCES"));
+    *api = whole;
+    api->Finish = fail_finish;
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "clFinish failed with CL_DEVICE_NOT_AVAILABLE"));
+    *api = whole;
+    api->EnqueueReadBuffer = fail_read;
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_MEMORY);
+    *api = whole;
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_OK); /* and works again */
+    api->CreateBuffer = fail_buffer;
+    assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &other, &err), DF_ERROR_MEMORY);
+    assert_non_null(strstr(err.text, "CL_MEM_OBJECT_ALLOCATION_FAILURE"));
+    assert_null(other);
+    *api = whole;
+    api->CreateContext = fail_context;
+    assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &other, &err), DF_ERROR_UNSUPPORTED);
+    assert_null(other);
+    *api = whole;
+    df_opencl_renderer_close(renderer);
+    free_picture(&picture);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void devices_are_chosen_by_number_or_kind(void **state) {
+    (void)state;
+    const df_opencl_info list[] = {
+        {.type = CL_DEVICE_TYPE_CPU, .name = "cpu", .fp64 = true, .compiler = true},
+        {.type = CL_DEVICE_TYPE_GPU, .name = "old gpu", .fp64 = false, .compiler = true},
+        {.type = CL_DEVICE_TYPE_GPU, .name = "gpu", .fp64 = true, .compiler = true},
+    };
+    uint32_t number;
+    df_error err;
+    assert_int_equal(df_opencl_choose(list, 3, DF_OPENCL_ANY, false, &number, &err), DF_OK);
+    assert_int_equal(number, 2);
+    assert_int_equal(df_opencl_choose(list, 1, DF_OPENCL_ANY, false, &number, &err), DF_OK);
+    assert_int_equal(number, 0);
+    assert_int_equal(df_opencl_choose(list, 1, DF_OPENCL_ANY, true, &number, &err), DF_ERROR_UNSUPPORTED);
+    assert_int_equal(df_opencl_choose(list, 3, 1, false, &number, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "double precision"));
+    assert_int_equal(df_opencl_choose(list, 3, 3, false, &number, &err), DF_ERROR_UNSUPPORTED);
+    assert_int_equal(df_opencl_choose(NULL, 0, DF_OPENCL_ANY, false, &number, &err), DF_ERROR_UNSUPPORTED);
+}
+
+int main(int argc, char **argv) {
+    df_error err = {0};
+    full = argc > 1 && strcmp(argv[1], "--full") == 0;
+    if (df_opencl_find(&devices, &device_count, &err) != DF_OK ||
+        df_opencl_choose(devices, device_count, DF_OPENCL_ANY, false, &device, &err) != DF_OK) {
+        printf("skipped: %s\n", err.text);
+        return 77;
+    }
+    df_opencl_print(stdout, device, &devices[device]);
+    printf("\n");
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(devices_are_chosen_by_number_or_kind),
+        cmocka_unit_test(a_kernel_that_does_not_build_names_its_file_and_line),
+        cmocka_unit_test(a_field_that_is_too_large_is_refused_with_what_would_fit),
+        cmocka_unit_test(strips_of_rows_make_the_picture_and_counts_are_equal),
+        cmocka_unit_test(pictures_are_those_of_the_scalar_tracer),
+        cmocka_unit_test(cameras_inside_far_away_and_along_the_axes_see_the_same),
+        cmocka_unit_test(iso_and_voxel_shapes_go_to_the_device),
+        cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
+        cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),
+        cmocka_unit_test(calls_that_fail_end_in_one_line_that_names_them),
+    };
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    free(devices);
+    return failed;
+}
