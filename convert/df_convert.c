@@ -22,8 +22,8 @@
 
 const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 10.0, tinyobjloader 2.0, OpenMP)";
 
-typedef enum distance_method { DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
-static const char *const distance_names[] = {"cgal", "openvdb", NULL};
+typedef enum distance_method { DISTANCE_EXACT, DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
+static const char *const distance_names[] = {"exact", "cgal", "openvdb", NULL};
 static const char *const structure_names[] = {"bricks", "dense", NULL};
 
 /* What the command line asks for. */
@@ -53,7 +53,7 @@ static const struct argp_option options[] = {
     {"voxel-size", KEY_VOXEL_SIZE, "S", 0, "size of a voxel in units of the mesh, in place of --resolution", 2},
     {"padding", KEY_PADDING, "N", 0, "voxels left free around the surface on each side (default 3)", 2},
     {"distance", KEY_DISTANCE, "NAME", 0,
-     "cgal: the exact distance (default); openvdb: approximate, and fast; ignored for shapes, which are exact", 2},
+     "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate", 2},
     {0, 0, 0, 0, "Running", 3},
     {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 3},
     {"json", KEY_JSON, 0, 0, "report as one JSON object on stdout", 3},
@@ -121,7 +121,7 @@ static df_status check_request(const request *r, df_error *err) {
     if (!df_shape_is_name(r->input) && !df_mesh_is_mesh_path(r->input)) {
         return df_fail(err, DF_ERROR_USAGE, "%s: unknown format (known are .obj, .ply, .off, .stl and shape:NAME)", r->input);
     }
-    if (df_shape_is_name(r->input) && r->distance != DISTANCE_CGAL) {
+    if (df_shape_is_name(r->input) && r->distance != DISTANCE_EXACT) {
         return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance", distance_names[r->distance]);
     }
     return DF_OK;
@@ -176,6 +176,7 @@ static df_status make_source(const request *r, surface *s, const df_lattice *lat
         df_distance_shape(&s->shape, source);
         return DF_OK;
     }
+    if (r->distance == DISTANCE_EXACT) return df_distance_exact(&s->mesh, source, err);
     if (r->distance == DISTANCE_CGAL) return df_distance_cgal(&s->mesh, source, err);
     /* in bricks no sample lies further from a face than a cell's diagonal and the reach */
     double band = (r->brick_size + 2) * 1.7320508;
@@ -218,7 +219,7 @@ static df_status finish_field(const request *r, const surface *s, df_field *fiel
     field->verdict = DF_VERDICT_CERTAIN;
     if (!report->is_shape && r->distance == DISTANCE_OPENVDB) {
         field->verdict = DF_VERDICT_UNKNOWN; /* thin gaps and cavities may be filled */
-    } else if (!report->is_shape && report->cleaning.zero_area == 0) {
+    } else if (r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0) {
         df_status status = check_signs(s, field, report, err);
         if (status != DF_OK) return status;
         if (report->sign_contradictions) field->verdict = DF_VERDICT_UNCERTAIN;

@@ -32,6 +32,10 @@ static inline void df_distance_source_free(df_distance_source *source) {
     memset(source, 0, sizeof *source);
 }
 
+/* The exact distance, fast: lists of the faces that matter, shrunk as a box of samples is divided. The mesh is not needed afterwards; the
+ * threads that ask must not be more than OpenMP's maximum when the source was made. */
+df_status df_distance_exact(const df_mesh *mesh, df_distance_source *source, df_error *err);
+
 /* The exact distance by CGAL's AABB tree, asked once a sample. The mesh must stay as it is while the source lives. */
 df_status df_distance_cgal(const df_mesh *mesh, df_distance_source *source, df_error *err);
 

@@ -1,0 +1,57 @@
+/*
+ * The triangles of a mesh prepared for exact distances: in Morton order, under an implicit tree of boxes with eight
+ * children a node.
+ *
+ * Distances are computed in double by one formula (face_distance), the same to the bit for every SIMD width and however a face
+ * was found; lists of faces only ever leave out what is further away by more than any rounding.
+ */
+#ifndef DF_FACE_TREE_H
+#define DF_FACE_TREE_H
+
+#include "convert/mesh.h"
+
+/*
+ * A triangle a, b, c with ab its longest side: the foot of c on ab is a + foot * ab, and h leads from there to c. Coordinates along
+ * ab and h are well-conditioned for needles and slivers too, and every point found with them lies on the triangle.
+ */
+typedef struct df_face {
+    double a[3], ab[3], h[3], ac[3];
+    double inverse_ab, inverse_h, inverse_ac, inverse_bc; /* 1 over the squared lengths; 0 for 0 */
+    double foot;                                           /* in [0, 1] */
+} df_face;
+
+/* The boxes of eight children, relative to the tree's origin, rounded outwards; missing children have an empty box. */
+typedef struct df_face_node {
+    float low[3][8], high[3][8];
+} df_face_node;
+
+#define DF_FACE_LEVEL_MAX 12
+
+typedef struct df_face_tree {
+    df_face *faces; /* in Morton order */
+    uint32_t *order; /* by face: its number in the mesh */
+    uint32_t face_count;
+    df_face_node *levels[DF_FACE_LEVEL_MAX]; /* levels[0][n]: boxes of faces 8n to 8n+7; levels[l][n]: of nodes 8n to 8n+7 below */
+    uint32_t node_counts[DF_FACE_LEVEL_MAX];
+    uint32_t level_count;
+    double origin[3];
+    double slack; /* what a distance computed from the boxes may be too large, world units */
+} df_face_tree;
+
+/* Builds the tree; the mesh is not needed afterwards. */
+df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *err);
+void df_face_tree_free(df_face_tree *tree);
+
+/* The squared distance of p to the nearest face, whose index in tree->faces goes to *nearest. *nearest must hold a face to start from on
+ * entry; one that is near saves time. */
+double df_face_tree_nearest(const df_face_tree *tree, const double p[3], uint32_t *nearest);
+
+/* Lists all faces within `distance` of p and some more. Returns their number, or capacity + 1 where they do not fit. */
+uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double distance, uint32_t *list, uint32_t capacity);
+
+/* Squared distances of 8 points to each of `count` faces: out[i * 8 + point] for the i-th in the list. points: x of all 8, then y, then z. `least`
+ * gets the smallest of each point. out may be NULL. */
+void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8], double *out,
+                       double least[8]);
+
+#endif

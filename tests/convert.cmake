@@ -1,0 +1,6 @@
+# The converter.
+df_script_test(test_convert_bad_input LABELS unit)
+add_executable(check_field check_field.c oracle.c)
+target_link_libraries(check_field PRIVATE distfield-convert)
+set_target_properties(check_field PROPERTIES LINKER_LANGUAGE CXX)
+df_script_test(test_convert_oracle LABELS unit)
