@@ -12,14 +12,19 @@
 #include <omp.h>
 #include <stdlib.h>
 
-/* With more faces than this around a box, searching the tree sample by sample is faster. */
+/* The longest list; where even eight samples have a longer one, the tree is searched sample by sample. */
 #define LIST_MAX 8192
+/* A box with a longer list is divided, and its parts ask the tree for lists of their own. */
+#define LIST_LONG 4096
+/* Above this a list is first shrunk by spheres around the faces, which is cheaper and less sharp than their distances. */
+#define LIST_SPHERES 48
 #define LEVEL_MAX 4 /* of boxes of 9 samples: 9, 8, 4, 2 */
 
 /* What one thread works with. */
 typedef struct scratch {
     uint32_t lists[LEVEL_MAX + 1][LIST_MAX];
     double distances[LEVEL_MAX][LIST_MAX][8];
+    uint8_t masks[LEVEL_MAX][LIST_MAX];
     uint32_t nearest; /* a face near the last box */
 } scratch;
 
@@ -97,46 +102,99 @@ static uint32_t divide(const part *p, part children[8]) {
     return exist;
 }
 
+/* The distances of the faces listed on a level to the eight centres; `least` gets the smallest of each. */
+static void measure_faces(const job *j, uint32_t level, uint32_t count, const double centres[3][8], double least[8]) {
+    scratch *s = j->scratch;
+    df_face_distances(j->context->tree.faces, s->lists[level], count, centres, s->distances[level][0], least);
+    for (int i = 0; i < 8; i++) least[i] = sqrt(least[i]);
+}
+
+/* Keeps the faces whose mask has bit i in the list of the next level. Returns their number. */
+static uint32_t keep_selected(scratch *s, uint32_t level, uint32_t count, int i) {
+    uint32_t kept = 0;
+    for (uint32_t f = 0; f < count; f++) {
+        s->lists[level + 1][kept] = s->lists[level][f];
+        kept += s->masks[level][f] >> i & 1u;
+    }
+    return kept;
+}
+
+/* The same for the faces nearer than `reach` to centre i. */
+static uint32_t keep_near(scratch *s, uint32_t level, uint32_t count, int i, double reach) {
+    double limit = reach * (1 + 1e-9) * reach * (1 + 1e-9);
+    uint32_t kept = 0;
+    for (uint32_t f = 0; f < count; f++) {
+        s->lists[level + 1][kept] = s->lists[level][f];
+        kept += s->distances[level][f][i] <= limit;
+    }
+    return kept;
+}
+
+/* Fills a part whose faces are in the list of its level. */
 static void fill_part(const job *j, const part *p, uint32_t level, uint32_t count) {
-    const uint32_t *list = j->scratch->lists[level];
-    if (p->count[0] <= 2 && p->count[1] <= 2 && p->count[2] <= 2) {
-        fill_eight(j, p, list, count);
+    if (level >= LEVEL_MAX || (p->count[0] <= 2 && p->count[1] <= 2 && p->count[2] <= 2)) {
+        assert(level < LEVEL_MAX);
+        fill_eight(j, p, j->scratch->lists[level], count);
         return;
     }
-    assert(level < LEVEL_MAX);
     part children[8];
     uint32_t exist = divide(p, children);
-    double centres[3][8] = {{0}}, least[8];
+    df_face_boxes boxes;
     for (int i = 0; i < 8; i++) {
+        const part *child = exist >> i & 1 ? &children[i] : p;
         double centre[3];
-        centre_of(j, exist >> i & 1 ? &children[i] : p, centre);
-        for (int a = 0; a < 3; a++) centres[a][i] = centre[a];
+        centre_of(j, child, centre);
+        for (int a = 0; a < 3; a++) {
+            boxes.centre[a][i] = centre[a];
+            boxes.half[a][i] = (child->count[a] - 1) * 0.5 * j->lattice->voxel_size;
+        }
     }
-    double(*distances)[8] = j->scratch->distances[level];
-    df_face_distances(j->context->tree.faces, list, count, (const double(*)[8])centres, distances[0], least);
+    scratch *s = j->scratch;
+    double least[8];
+    bool by_spheres = count > LIST_SPHERES;
+    if (by_spheres) df_face_select(&j->context->tree, s->lists[level], count, &boxes, (float *)s->distances[level], s->masks[level]);
+    else measure_faces(j, level, count, (const double(*)[8])boxes.centre, least);
     for (int i = 0; i < 8; i++) {
         if (!(exist >> i & 1)) continue;
-        double reach = (sqrt(least[i]) + 2 * half_diagonal(&children[i], j->lattice->voxel_size)) * (1 + 1e-9);
-        double limit = reach * reach;
-        uint32_t *kept = j->scratch->lists[level + 1], kept_count = 0;
-        for (uint32_t f = 0; f < count; f++) {
-            kept[kept_count] = list[f];
-            kept_count += distances[f][i] <= limit;
-        }
-        fill_part(j, &children[i], level + 1, kept_count);
+        uint32_t kept = by_spheres ? keep_selected(s, level, count, i)
+                                   : keep_near(s, level, count, i, least[i] + 2 * half_diagonal(&children[i], j->lattice->voxel_size));
+        fill_part(j, &children[i], level + 1, kept);
     }
 }
 
-static void fill_by_search(const job *j) {
-    for (uint32_t z = 0; z < j->box->count[2]; z++) {
-        for (uint32_t y = 0; y < j->box->count[1]; y++) {
-            for (uint32_t i = 0; i < j->box->count[0]; i++) {
-                uint32_t x = y & 1 ? j->box->count[0] - 1 - i : i; /* back and forth: each starts beside the last */
-                double p[3] = {df_lattice_at(j->lattice, 0, j->box->first[0] + x), df_lattice_at(j->lattice, 1, j->box->first[1] + y),
-                               df_lattice_at(j->lattice, 2, j->box->first[2] + z)};
-                double d = df_face_tree_nearest(&j->context->tree, p, &j->scratch->nearest);
-                *sample_of(j, x, y, z) = df_distance_round(sqrt(d));
+static void search_part(const job *j, const part *p) {
+    for (uint32_t z = 0; z < p->count[2]; z++) {
+        for (uint32_t y = 0; y < p->count[1]; y++) {
+            for (uint32_t x = 0; x < p->count[0]; x++) {
+                uint32_t at[3] = {p->first[0] + x, p->first[1] + y, p->first[2] + z};
+                double point[3];
+                for (int a = 0; a < 3; a++) point[a] = df_lattice_at(j->lattice, a, j->box->first[a] + at[a]);
+                double d = df_face_tree_nearest(&j->context->tree, point, &j->scratch->nearest);
+                *sample_of(j, at[0], at[1], at[2]) = df_distance_round(sqrt(d));
             }
+        }
+    }
+}
+
+/* Fills a part with a list from the tree; where that is long, its parts with their own. */
+static void list_part(const job *j, const part *p, uint32_t level) {
+    const df_face_tree *tree = &j->context->tree;
+    double centre[3];
+    centre_of(j, p, centre);
+    double least = sqrt(df_face_tree_nearest(tree, centre, &j->scratch->nearest));
+    double reach = (least + 2 * half_diagonal(p, j->lattice->voxel_size)) * (1 + 1e-9);
+    bool smallest = level >= LEVEL_MAX || (p->count[0] <= 2 && p->count[1] <= 2 && p->count[2] <= 2);
+    uint32_t limit = smallest ? LIST_MAX : LIST_LONG;
+    uint32_t count = df_face_tree_list(tree, centre, reach, j->scratch->lists[level], limit);
+    if (count <= limit) {
+        fill_part(j, p, level, count);
+    } else if (smallest) {
+        search_part(j, p);
+    } else {
+        part children[8];
+        uint32_t exist = divide(p, children);
+        for (int i = 0; i < 8; i++) {
+            if (exist >> i & 1) list_part(j, &children[i], level + 1);
         }
     }
 }
@@ -146,13 +204,7 @@ static void fill(const void *user, const df_lattice *lattice, const df_sample_bo
     assert(omp_get_thread_num() < c->thread_count);
     job j = {c, lattice, box, c->scratches[omp_get_thread_num()], out};
     part all = {{0, 0, 0}, {box->count[0], box->count[1], box->count[2]}};
-    double centre[3];
-    centre_of(&j, &all, centre);
-    double least = sqrt(df_face_tree_nearest(&c->tree, centre, &j.scratch->nearest));
-    double reach = (least + 2 * half_diagonal(&all, lattice->voxel_size)) * (1 + 1e-9);
-    uint32_t count = df_face_tree_list(&c->tree, centre, reach, j.scratch->lists[0], LIST_MAX);
-    if (count > LIST_MAX) fill_by_search(&j);
-    else fill_part(&j, &all, 0, count);
+    list_part(&j, &all, 0);
 }
 
 static void release(void *user) {

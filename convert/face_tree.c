@@ -93,6 +93,59 @@ void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t coun
     memcpy(least, low, sizeof low);
 }
 
+FOR_EACH_ISA
+void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes, float *distances,
+                    uint8_t *masks) {
+    float centre[3][8], half[3][8], low[8];
+    uint32_t nearest[8] = {0};
+    for (int b = 0; b < 8; b++) {
+        low[b] = INFINITY;
+        for (int a = 0; a < 3; a++) {
+            centre[a][b] = (float)(boxes->centre[a][b] - tree->origin[a]);
+            half[a][b] = (float)boxes->half[a][b];
+        }
+    }
+    /* squared distances of the boxes' centres to the spheres' */
+    for (uint32_t i = 0; i < count; i++) {
+        const df_face_sphere s = tree->spheres[list[i]];
+        float *d = distances + (size_t)i * 8;
+#pragma omp simd
+        for (int b = 0; b < 8; b++) {
+            float x = centre[0][b] - s.centre[0], y = centre[1][b] - s.centre[1], z = centre[2][b] - s.centre[2];
+            float square = x * x + y * y + z * z;
+            low[b] = square < low[b] ? square : low[b];
+            d[b] = square;
+        }
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        for (int b = 0; b < 8; b++) nearest[b] = distances[(size_t)i * 8 + (size_t)b] == low[b] ? i : nearest[b];
+    }
+    /* the nearest centre of each box is the witness; `far` bounds its distance from the box's points */
+    float witness[3][8], far[8], slack = (float)tree->slack;
+    for (int b = 0; b < 8; b++) {
+        const df_face_sphere s = tree->spheres[list[nearest[b]]];
+        float x = half[0][b], y = half[1][b], z = half[2][b];
+        for (int a = 0; a < 3; a++) witness[a][b] = s.centre[a];
+        far[b] = sqrtf(low[b]) + sqrtf(x * x + y * y + z * z) + slack;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        const df_face_sphere s = tree->spheres[list[i]];
+        const float *d = distances + (size_t)i * 8;
+        float radius = s.radius + slack;
+        int32_t keep[8];
+#pragma omp simd
+        for (int b = 0; b < 8; b++) {
+            float x = fabsf(s.centre[0] - witness[0][b]), y = fabsf(s.centre[1] - witness[1][b]), z = fabsf(s.centre[2] - witness[2][b]);
+            float margin = d[b] - low[b] - 2 * (half[0][b] * x + half[1][b] * y + half[2][b] * z);
+            keep[b] = margin <= radius * (2 * far[b] + radius) ? 1 << b : 0;
+        }
+        int32_t mask = 0;
+#pragma omp simd reduction(| : mask)
+        for (int b = 0; b < 8; b++) mask |= keep[b];
+        masks[i] = (uint8_t)mask;
+    }
+}
+
 /* Spreads the low 16 bits of x to every third bit. */
 static uint64_t spread(uint64_t x) {
     x = (x | x << 16) & 0x0000FF0000FFu;
@@ -152,6 +205,25 @@ static void empty_node(df_face_node *node) {
     }
 }
 
+/* The smaller of the spheres around the centroid and around the middle of the longest side. */
+static df_face_sphere make_sphere(const double *const corner[3], const df_face *face, const double origin[3]) {
+    df_face_sphere sphere = {{0}, INFINITY};
+    for (int choice = 0; choice < 2; choice++) {
+        double centre[3], square = 0;
+        for (int a = 0; a < 3; a++) {
+            centre[a] = choice ? face->a[a] + face->ab[a] / 2 : (corner[0][a] + corner[1][a] + corner[2][a]) / 3;
+        }
+        for (int c = 0; c < 3; c++) {
+            double d[3] = {corner[c][0] - centre[0], corner[c][1] - centre[1], corner[c][2] - centre[2]};
+            square = fmax(square, dot(d, d));
+        }
+        if ((float)sqrt(square) >= sphere.radius) continue;
+        sphere.radius = (float)sqrt(square);
+        for (int a = 0; a < 3; a++) sphere.centre[a] = (float)(centre[a] - origin[a]);
+    }
+    return sphere;
+}
+
 /* Prepares the faces of one lowest node and their boxes. */
 static void make_leaf(const df_mesh *mesh, df_face_tree *tree, uint32_t n) {
     df_face_node *node = &tree->levels[0][n];
@@ -161,6 +233,7 @@ static void make_leaf(const df_mesh *mesh, df_face_tree *tree, uint32_t n) {
         const double *corner[3];
         for (int i = 0; i < 3; i++) corner[i] = mesh->positions + (size_t)f[i] * 3;
         prepare_face(corner, &tree->faces[n * 8 + c]);
+        tree->spheres[n * 8 + c] = make_sphere(corner, &tree->faces[n * 8 + c], tree->origin);
         for (int a = 0; a < 3; a++) {
             double low = fmin(corner[0][a], fmin(corner[1][a], corner[2][a])) - tree->origin[a];
             double high = fmax(corner[0][a], fmax(corner[1][a], corner[2][a])) - tree->origin[a];
@@ -196,6 +269,7 @@ df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *e
     tree->slack = 4e-6 * extent;
     df_status status = df_alloc_raw((void **)&tree->order, mesh->face_count, sizeof *tree->order, "tree of faces", err);
     if (status == DF_OK) status = df_alloc_raw((void **)&tree->faces, mesh->face_count, sizeof *tree->faces, "tree of faces", err);
+    if (status == DF_OK) status = df_alloc_raw((void **)&tree->spheres, mesh->face_count, sizeof *tree->spheres, "tree of faces", err);
     if (status == DF_OK) status = order_faces(mesh, low, high, tree, err);
     uint32_t count = mesh->face_count;
     while (status == DF_OK && (count > 1 || tree->level_count == 0)) {
@@ -217,6 +291,7 @@ df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *e
 
 void df_face_tree_free(df_face_tree *tree) {
     free(tree->faces);
+    free(tree->spheres);
     free(tree->order);
     for (int l = 0; l < DF_FACE_LEVEL_MAX; l++) free(tree->levels[l]);
     *tree = (df_face_tree){0};

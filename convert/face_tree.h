@@ -25,17 +25,23 @@ typedef struct df_face_node {
     float low[3][8], high[3][8];
 } df_face_node;
 
+/* A sphere around a face, relative to the tree's origin; its centre is a point of the face. */
+typedef struct df_face_sphere {
+    float centre[3], radius;
+} df_face_sphere;
+
 #define DF_FACE_LEVEL_MAX 12
 
 typedef struct df_face_tree {
     df_face *faces; /* in Morton order */
+    df_face_sphere *spheres; /* by face */
     uint32_t *order; /* by face: its number in the mesh */
     uint32_t face_count;
     df_face_node *levels[DF_FACE_LEVEL_MAX]; /* levels[0][n]: boxes of faces 8n to 8n+7; levels[l][n]: of nodes 8n to 8n+7 below */
     uint32_t node_counts[DF_FACE_LEVEL_MAX];
     uint32_t level_count;
     double origin[3];
-    double slack; /* what a distance computed from the boxes may be too large, world units */
+    double slack; /* what a distance computed from boxes or spheres may be too large, world units */
 } df_face_tree;
 
 /* Builds the tree; the mesh is not needed afterwards. */
@@ -53,5 +59,17 @@ uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double d
  * gets the smallest of each point. out may be NULL. */
 void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8], double *out,
                        double least[8]);
+
+/* Eight boxes of points, by their centres and half sides. */
+typedef struct df_face_boxes {
+    double centre[3][8];
+    double half[3][8];
+} df_face_boxes;
+
+/* For each face of a list, which of eight boxes it may be the nearest to a point of: bit b of masks[i]. Judged in float by the spheres
+ * around the faces: a face is left out where some face's centre is nearer to all points of the box than its sphere. The comparison
+ * of squared distances to two centres is linear in the point, so the corners of the box decide. distances: room for count * 8. */
+void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes, float *distances,
+                    uint8_t *masks);
 
 #endif
