@@ -30,8 +30,7 @@ Point vertex(const df_mesh *mesh, uint32_t face, int corner) {
     return {p[0], p[1], p[2]};
 }
 
-void fill(const void *user, const df_lattice *lattice, const df_sample_box *box, float *out) {
-    const auto *c = static_cast<const context *>(user);
+void fill_or_throw(const context *c, const df_lattice *lattice, const df_sample_box *box, float *out) {
     for (uint32_t k = 0; k < box->count[2]; k++) {
         for (uint32_t j = 0; j < box->count[1]; j++) {
             for (uint32_t i = 0; i < box->count[0]; i++) {
@@ -40,6 +39,16 @@ void fill(const void *user, const df_lattice *lattice, const df_sample_box *box,
                 *out++ = df_distance_round(std::sqrt(c->tree->squared_distance(p)));
             }
         }
+    }
+}
+
+// CGAL allocates in queries. No exception may reach the C code that calls this from many threads; a NaN makes df_field_finish refuse the
+// field.
+void fill(const void *user, const df_lattice *lattice, const df_sample_box *box, float *out) {
+    try {
+        fill_or_throw(static_cast<const context *>(user), lattice, box, out);
+    } catch (...) {
+        out[0] = NAN;
     }
 }
 
