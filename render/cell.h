@@ -80,9 +80,13 @@ static inline lr LR(df_interpolate)(const lr corner[8], const lr p[3]) {
 }
 
 /*
- * The field along the segment as a cubic in Bernstein form over s in [0,1]. All four coefficients are convex combinations
- * of the corners (the blossom of the trilinear form), so nothing cancels; bern[0] and bern[3] are the values at entry and exit, bit
- * for bit what df_interpolate gives.
+ * The field along the segment as a cubic over s in [0,1], u = 1 - s:
+ *
+ *     bern[0] u^3 + bern[1] u^2 s + bern[2] u s^2 + bern[3] s^3
+ *
+ * so bern[1] and bern[2] are three times the Bernstein coefficients: thirds would be rounded, and a ray that touches the
+ * surface exactly would cross it. All four are convex combinations of the corners (the blossom of the trilinear form), or three
+ * times one, so nothing cancels; bern[0] and bern[3] are the values at entry and exit, bit for bit what df_interpolate gives.
  */
 static inline void LR(df_bernstein)(const lr corner[8], const lr a[3], const lr b[3], lr bern[4]) {
     lr xa[4], xb[4], yaa[2], yab[2], yba[2], ybb[2]; /* interpolated along x at a or b, then along y at a or b */
@@ -99,17 +103,16 @@ static inline void LR(df_bernstein)(const lr corner[8], const lr a[3], const lr 
     lr aab = LR(df_lerp)(yaa[0], yaa[1], b[2]), aba = LR(df_lerp)(yab[0], yab[1], a[2]);
     lr baa = LR(df_lerp)(yba[0], yba[1], a[2]), bba = LR(df_lerp)(ybb[0], ybb[1], a[2]);
     lr bab = LR(df_lerp)(yba[0], yba[1], b[2]), abb = LR(df_lerp)(yab[0], yab[1], b[2]);
-    const lr third = lr_set(1.0 / 3.0);
     bern[0] = LR(df_lerp)(yaa[0], yaa[1], a[2]);
-    bern[1] = ((baa + aba) + aab) * third;
-    bern[2] = ((bba + bab) + abb) * third;
+    bern[1] = (baa + aba) + aab;
+    bern[2] = (bba + bab) + abb;
     bern[3] = LR(df_lerp)(ybb[0], ybb[1], b[2]);
 }
 
-/* The cubic at s, by de Casteljau's scheme. */
+/* The cubic at s. */
 static inline lr LR(df_cubic)(const lr bern[4], lr s) {
-    lr p = LR(df_lerp)(bern[0], bern[1], s), q = LR(df_lerp)(bern[1], bern[2], s), r = LR(df_lerp)(bern[2], bern[3], s);
-    return LR(df_lerp)(LR(df_lerp)(p, q, s), LR(df_lerp)(q, r, s), s);
+    lr u = lr_set(1) - s;
+    return (u * bern[0] + s * bern[1]) * (u * u) + (u * bern[2] + s * bern[3]) * (s * s);
 }
 
 /* Divides by the largest magnitude, so that products neither vanish nor overflow. */
@@ -123,8 +126,9 @@ static inline void LR(df_cubic_scale)(lr bern[4]) {
  * derivative; 2 where there is none. */
 static inline void LR(df_cubic_extrema)(const lr bern[4], lr *minimum, lr *maximum) {
     const lr zero = lr_set(0), one = lr_set(1), none = lr_set(2);
-    lr q0 = bern[1] - bern[0], q1 = bern[2] - bern[1], q2 = bern[3] - bern[2];
-    lr a = (q0 - q1) + (q2 - q1), b = q1 - q0; /* the derivative is 3 (a s^2 + 2 b s + q0) */
+    const lr three = lr_set(3);
+    lr q0 = bern[1] - three * bern[0], q1 = bern[2] - bern[1], q2 = three * bern[3] - bern[2];
+    lr a = (q0 - q1) + (q2 - q1), b = q1 - q0; /* the derivative is a s^2 + 2 b s + q0 */
     lr discriminant = q1 * q1 - q0 * q2;
     lrm real = lr_lt(zero, discriminant);
     lr root = lr_sqrt(lr_max(discriminant, zero));

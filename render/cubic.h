@@ -38,10 +38,10 @@ static inline int df_cubic_roots(const double c[4], double roots[3]) {
     return disc == 0 ? 2 : 1;
 }
 
-/* The first root of a cubic in Bernstein form (scaled) inside [low, high]; the middle of the bracket when rounding leaves none. */
+/* The first root of a cubic as df_bernstein gives it (scaled) inside [low, high]; the middle of the bracket when rounding leaves none. */
 static inline double df_cubic_first_root(const double bern[4], double low, double high) {
-    const double c[4] = {bern[0], 3 * (bern[1] - bern[0]), 3 * ((bern[0] - bern[1]) + (bern[2] - bern[1])),
-                         (bern[3] - bern[0]) - 3 * (bern[2] - bern[1])};
+    const double c[4] = {bern[0], bern[1] - 3 * bern[0], 3 * bern[0] - 2 * bern[1] + bern[2],
+                         (bern[3] - bern[0]) - (bern[2] - bern[1])};
     double roots[3], best = 2, slack = 1e-9;
     int count = df_cubic_roots(c, roots);
     for (int i = 0; i < count; i++) {
