@@ -3,3 +3,5 @@ add_subdirectory(lab)
 pkg_check_modules(LAB_MPFR REQUIRED IMPORTED_TARGET mpfr)
 
 df_test(test_truth LABELS unit LIBS distfield-lab PkgConfig::LAB_MPFR SOURCES fields.c)
+df_test(test_lab LABELS stability LIBS distfield-lab SOURCES fields.c)
+df_test(test_stability_cells LABELS stability LIBS distfield-lab SOURCES fields.c tracing.c)

@@ -1,0 +1,65 @@
+/*
+ * A tracer measured against a truth over a family of rays.
+ *
+ * A truth takes the ray as the tracer has it: its rounded origin and direction. Tangent rays (truth.h) are counted and not judged. All
+ * counts and statistics are the same on any number of threads.
+ */
+#ifndef DF_TESTS_MEASURE_H
+#define DF_TESTS_MEASURE_H
+
+#include "families.h"
+#include "render/tracer.h"
+#include "surface.h"
+
+/* Values by size in bins of 1/50 decade, from 1e-18 to 1e3; smaller ones count as 0. */
+#define LAB_BIN_COUNT 1050
+typedef struct lab_histogram {
+    uint64_t count, zeros, bins[LAB_BIN_COUNT];
+    double max;
+} lab_histogram;
+void lab_histogram_add(lab_histogram *histogram, double value);
+void lab_histogram_merge(lab_histogram *into, const lab_histogram *from);
+/* The value that a part of all (0 to 1) does not exceed: the upper edge of its bin, at most max; 0 when empty. */
+double lab_histogram_quantile(const lab_histogram *histogram, double part);
+
+#define LAB_LEAK_VOXELS 0.5
+#define LAB_FAILURES_KEPT 8
+typedef enum lab_failure_kind { LAB_FALSE_POSITIVE, LAB_FALSE_NEGATIVE, LAB_LEAK, LAB_WRONG_FACE } lab_failure_kind;
+
+typedef struct lab_score {
+    uint64_t rays;    /* that were traced; those that a family could not make are left out */
+    uint64_t tangent; /* of them, not judged */
+    uint64_t true_positive, false_positive, false_negative, true_negative;
+    uint64_t leaks;      /* hits more than half a voxel off; they count as true positives as well */
+    uint64_t wrong_face; /* back instead of front or the reverse */
+    lab_histogram depth;    /* |t - truth| of true positives, voxels */
+    lab_histogram residual; /* distance of the hit from the surface, voxels: truth 1 only */
+    uint32_t failure_count; /* kept below: those of the smallest ray numbers */
+    struct lab_failure {
+        uint64_t ray;
+        lab_failure_kind kind;
+    } failures[LAB_FAILURES_KEPT];
+} lab_score;
+
+typedef struct lab_run {
+    const df_tracer *tracer;
+    const df_scene *scene;
+    int solve, steps;
+    const lab_surface *surface; /* NULL: against the trilinear field */
+    lab_family family;
+    uint64_t seed, first, count; /* rays first .. first + count - 1 of the family */
+} lab_run;
+
+/* Adds to *score, which starts zeroed. */
+df_status lab_measure(const lab_run *run, lab_score *score, df_error *err);
+
+/* Rays of a family that do not hit, for families where each must: INSIDE of a closed field. No truth is asked, so this is fast. */
+df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escapes, uint64_t *first_escape, df_error *err);
+
+void lab_score_merge(lab_score *into, const lab_score *from);
+/* False positives, false negatives, leaks and wrong faces. */
+uint64_t lab_score_errors(const lab_score *score);
+/* The failures that were kept, one a line, with what is needed to see them again. */
+void lab_print_failures(const lab_run *run, const lab_score *score);
+
+#endif
