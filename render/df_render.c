@@ -27,12 +27,14 @@ typedef struct options {
     bool settings_given; /* any option that belongs to the picture */
     const char *field_path, *output_path, *depth_path, *normals_path, *from_path;
     uint32_t threads, tile;
+    df_devices_options devices;
+    bool list_devices;
     bool stats, json, map, quiet, verbose;
     const char *command;
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_THREADS };
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS };
 
 static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Camera (world units)", 1},
@@ -65,6 +67,12 @@ static const struct argp_option option_table[] = {
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},
+    {"device", KEY_DEVICE, "NAME", 0,
+     "What renders: cpu (default), opencl (its first GPU, else its first device), opencl:N, both (cpu,opencl), several with commas, each a part of the "
+     "picture, or auto: a GPU where there is one, else the CPU. The picture is the same",
+     0},
+    {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
+    {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
     {"map", KEY_MAP, 0, 0, "Use the field's samples in place in the mapped file", 0},
     {"stats", KEY_STATS, 0, 0, "Print what ran, the counts of rays and steps, and times", 0},
@@ -100,6 +108,11 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case KEY_FROM: opts->from_path = argument; return 0;
     case KEY_DEPTH: opts->depth_path = argument; return 0;
     case KEY_NORMALS: opts->normals_path = argument; return 0;
+    case KEY_DEVICE: check(state, df_devices_parse(argument, &opts->devices.choice, &err), &err); return 0;
+    case KEY_LIST_DEVICES: opts->list_devices = true; return 0;
+    case KEY_WORK_GROUP:
+        check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err), &err);
+        return 0;
     case KEY_TILE: check(state, df_parse_u32("--tile", argument, 1, 4096, &opts->tile, &err), &err); return 0;
     case KEY_THREADS: check(state, df_parse_u32("--threads", argument, 1, 1024, &opts->threads, &err), &err); return 0;
     case ARGP_KEY_ARG:
@@ -107,7 +120,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         opts->field_path = argument;
         return 0;
     case ARGP_KEY_END:
-        if (!opts->field_path && !opts->from_path) argp_usage(state);
+        if (!opts->field_path && !opts->from_path && !opts->list_devices) argp_usage(state);
         if (opts->from_path && opts->settings_given) {
             argp_error(state, "--from takes camera, size and methods from the picture: it cannot go with options that set them");
         }
@@ -121,7 +134,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
 typedef struct session {
     df_field field;
     df_scene scene;
-    df_renderer *renderer;
+    df_devices *devices;
     df_picture picture;
     df_image_png original; /* --from */
     char *own_path, *settings_text;
@@ -131,7 +144,7 @@ typedef struct session {
 } session;
 
 static void session_free(session *s) {
-    df_renderer_close(s->renderer);
+    df_devices_close(s->devices);
     df_scene_free(&s->scene);
     df_field_free(&s->field);
     df_image_png_free(&s->original);
@@ -249,7 +262,9 @@ static df_status compare_original(const options *opts, const session *s, df_erro
 static df_status print_report(const options *opts, session *s, df_error *err) {
     if (!opts->stats && !opts->json) return DF_OK;
     df_status status = df_count_entering(&s->view, &s->report.stats.rays_entering, err);
+    if (status == DF_OK) status = df_devices_count(s->devices, &s->view, &s->report.stats, err);
     if (status != DF_OK) return status;
+    s->report.devices = s->devices;
     json_t *json = df_report_json(&s->report);
     if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     if (opts->json) {
@@ -272,8 +287,25 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     const df_frame_options frame = {settings->tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads};
     status = alloc_picture(opts, &s->picture, err);
-    if (status == DF_OK) status = df_renderer_open(&s->scene, &frame, settings->width, settings->height, &s->renderer, err);
-    if (status == DF_OK) status = df_renderer_frame(s->renderer, &s->view, &s->picture, &s->report.stats, err);
+    if (status == DF_OK) status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
+    if (status == DF_OK) status = df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);
+    return status;
+}
+
+static df_status list_devices(df_error *err) {
+    df_opencl_info *list;
+    uint32_t count;
+    printf("cpu       %d threads\n", omp_get_num_procs());
+    df_status status = df_opencl_find(&list, &count, err);
+    if (status == DF_ERROR_UNSUPPORTED || (status == DF_OK && count == 0)) {
+        fprintf(stderr, "df-render: %s\n", status == DF_OK ? "OpenCL has no device on this machine" : err->text);
+        return DF_OK; /* that is the answer */
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        df_opencl_print(stdout, i, &list[i]);
+        printf("\n");
+    }
+    free(list);
     return status;
 }
 
@@ -305,14 +337,15 @@ int main(int argc, char **argv) {
     argp_program_version = "df-render " DF_VERSION;
     argp_err_exit_status = 2;
     df_interrupt_install("df-render");
-    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64};
+    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64, .devices = {.choice = {.count = 1, .numbers = {DF_DEVICE_CPU}}, .program = "df-render"}};
     session s = {0};
     df_error err = {0};
     df_settings_defaults(&opts.settings);
+    opts.devices.messages = stderr;
     char *command = df_command_line(argc, argv);
     argp_parse(&argp, argc, argv, 0, NULL, &opts);
     opts.command = command ? command : "df-render";
-    df_status status = run(&opts, &s, &err);
+    df_status status = opts.list_devices ? list_devices(&err) : run(&opts, &s, &err);
     if (status != DF_OK) fprintf(stderr, "df-render: %s\n", err.text);
     session_free(&s);
     free(command);

@@ -144,7 +144,7 @@ static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture
     worker->stats.rays_hitting += worker->hits.count;
 }
 
-static void add_stats(df_frame_stats *sum, const df_frame_stats *part) {
+void df_frame_stats_add(df_frame_stats *sum, const df_frame_stats *part) {
     sum->rays_hitting += part->rays_hitting;
     sum->counters.coarse_steps += part->counters.coarse_steps;
     sum->counters.fine_steps += part->counters.fine_steps;
@@ -156,10 +156,11 @@ static void add_stats(df_frame_stats *sum, const df_frame_stats *part) {
     sum->shade_ms += part->shade_ms;
 }
 
-df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
-                            df_error *err) {
+df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t first_row, uint32_t row_count,
+                           const df_picture *picture, df_frame_stats *stats, df_error *err) {
     assert(picture->width == view->width && picture->height == view->height);
-    assert(renderer->tile_width <= view->width && renderer->tile_height <= view->height);
+    assert(first_row <= view->height && row_count <= view->height - first_row);
+    assert(!renderer->options.tracer->whole_frame || row_count == view->height);
     const double start = df_now_ms();
     const df_tracer *tracer = renderer->options.tracer;
     if (tracer->begin_frame) {
@@ -167,7 +168,7 @@ df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df
         if (status != DF_OK) return status;
     }
     const uint32_t width = renderer->tile_width, height = renderer->tile_height;
-    const uint32_t columns = (view->width + width - 1) / width, rows = (view->height + height - 1) / height;
+    const uint32_t columns = (view->width + width - 1) / width, rows = (row_count + height - 1) / height;
     for (uint32_t i = 0; i < renderer->worker_count; i++) {
         renderer->workers[i].status = DF_OK;
         memset(&renderer->workers[i].stats, 0, sizeof renderer->workers[i].stats);
@@ -178,22 +179,27 @@ df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df
         df_tile *tile = &renderer->workers[thread].tile;
         tile->view = view;
         tile->x = i % columns * width;
-        tile->y = i / columns * height;
+        tile->y = first_row + i / columns * height;
         tile->width = view->width - tile->x < width ? view->width - tile->x : width;
-        tile->height = view->height - tile->y < height ? view->height - tile->y : height;
+        tile->height = first_row + row_count - tile->y < height ? first_row + row_count - tile->y : height;
         if (renderer->workers[thread].status == DF_OK) render_tile(renderer, thread, picture);
     }
-    df_frame_stats sum = {.rays_cast = (uint64_t)view->width * view->height};
+    df_frame_stats sum = {.rays_cast = (uint64_t)view->width * row_count};
     for (uint32_t i = 0; i < renderer->worker_count; i++) {
         if (renderer->workers[i].status != DF_OK) {
             if (err) *err = renderer->workers[i].error;
             return renderer->workers[i].status;
         }
-        add_stats(&sum, &renderer->workers[i].stats);
+        df_frame_stats_add(&sum, &renderer->workers[i].stats);
     }
     sum.frame_ms = df_now_ms() - start;
     if (stats) *stats = sum;
     return DF_OK;
+}
+
+df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                            df_error *err) {
+    return df_renderer_rows(renderer, view, 0, view->height, picture, stats, err);
 }
 
 df_status df_count_entering(const df_view *view, uint64_t *entering, df_error *err) {

@@ -43,6 +43,13 @@ void df_renderer_close(df_renderer *renderer);
 df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
                             df_error *err);
 
+/* Only the rows first_row <= y < first_row + row_count of it; not with tracers that want whole pictures. */
+df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t first_row, uint32_t row_count,
+                           const df_picture *picture, df_frame_stats *stats, df_error *err);
+
+/* Adds the counts and the times of phases of a part to those of a picture. */
+void df_frame_stats_add(df_frame_stats *sum, const df_frame_stats *part);
+
 /* Counts the rays of a view that meet the field's box: a figure for reports, outside all timing. */
 df_status df_count_entering(const df_view *view, uint64_t *entering, df_error *err);
 

@@ -12,6 +12,6 @@ add_custom_command(
     DEPENDS ${opencl_texts}
     VERBATIM)
 
-target_sources(distfield-render PRIVATE opencl_api.c opencl_device.c opencl_frame.c ${opencl_source}.c)
+target_sources(distfield-render PRIVATE devices.c opencl_api.c opencl_device.c opencl_frame.c ${opencl_source}.c)
 target_include_directories(distfield-render PUBLIC $<BUILD_INTERFACE:${OPENCL_INCLUDE_DIR}>)
 target_link_libraries(distfield-render PUBLIC ${CMAKE_DL_LIBS})

@@ -55,10 +55,15 @@ df_status df_opencl_find(df_opencl_info **list, uint32_t *count, df_error *err) 
     if (status != DF_OK) return status;
     if (cl->GetPlatformIDs(PLATFORM_MAX, platforms, &platform_count) != CL_SUCCESS) platform_count = 0;
     if (platform_count > PLATFORM_MAX) platform_count = PLATFORM_MAX;
+    cl_int failure = CL_SUCCESS;
     for (cl_uint p = 0; p < platform_count; p++) {
         cl_device_id ids[DEVICE_MAX];
         cl_uint found = 0;
-        if (cl->GetDeviceIDs(platforms[p], CL_DEVICE_TYPE_ALL, DEVICE_MAX, ids, &found) != CL_SUCCESS) continue;
+        const cl_int code = cl->GetDeviceIDs(platforms[p], CL_DEVICE_TYPE_ALL, DEVICE_MAX, ids, &found);
+        if (code != CL_SUCCESS) {
+            failure = code;
+            continue;
+        }
         if (found > DEVICE_MAX) found = DEVICE_MAX;
         df_opencl_info *grown = realloc(*list, (*count + found) * sizeof **list);
         if (!grown) {
@@ -68,6 +73,12 @@ df_status df_opencl_find(df_opencl_info **list, uint32_t *count, df_error *err) 
         }
         *list = grown;
         for (cl_uint d = 0; d < found; d++) describe(cl, platforms[p], ids[d], &(*list)[(*count)++]);
+    }
+    if (*count == 0 && failure != CL_SUCCESS) {
+        return df_fail(err, DF_ERROR_UNSUPPORTED,
+                       "OpenCL has a platform but no device: clGetDeviceIDs failed with %s (%d). Drivers that keep kernels in a cache "
+                       "may need a home folder that they can write",
+                       df_opencl_error_name(failure), failure);
     }
     return DF_OK;
 }

@@ -30,7 +30,7 @@ typedef struct df_opencl_info {
 } df_opencl_info;
 
 /* All devices of all platforms, in the library's order: --device opencl:N counts through them. *list is malloc'ed. A library without
- * platforms or devices gives a count of 0; DF_ERROR_UNSUPPORTED only where there is no library. */
+ * platforms or devices gives a count of 0; DF_ERROR_UNSUPPORTED where there is no library, or where platforms fail to give their devices. */
 df_status df_opencl_find(df_opencl_info **list, uint32_t *count, df_error *err);
 
 /* One line for --list-devices, without a newline. */

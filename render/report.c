@@ -2,6 +2,33 @@
 
 #include <stdio.h>
 
+/* What OpenCL devices took, and where a picture has several parts, each of them. */
+static void add_devices(const df_devices *devices, json_t *json) {
+    df_device_report parts[DF_DEVICE_MAX];
+    const uint32_t count = df_devices_report(devices, parts);
+    double build_ms = 0, upload_ms = 0, download_ms = 0;
+    char text[DF_DEVICE_MAX * (sizeof parts[0].name + 3)] = "";
+    size_t used = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        build_ms += parts[i].build_ms;
+        upload_ms += parts[i].upload_ms;
+        download_ms += parts[i].download_ms;
+        used += (size_t)snprintf(text + used, sizeof text - used, "%s%.*s", i ? " + " : "", (int)sizeof parts[i].name - 1, parts[i].name);
+    }
+    json_object_set_new(json, "device", json_string(text));
+    json_object_set_new(json, "phase_build_ms", json_real(build_ms));
+    json_object_set_new(json, "phase_upload_ms", json_real(upload_ms));
+    json_object_set_new(json, "phase_download_ms", json_real(download_ms));
+    for (uint32_t i = 0; i < count && count > 1; i++) {
+        char key[32];
+        snprintf(key, sizeof key, "part_%u_rows", i);
+        json_object_set_new(json, key, json_integer(parts[i].rows));
+        snprintf(key, sizeof key, "part_%u_ms", i);
+        json_object_set_new(json, key, json_real(parts[i].ms));
+    }
+    if (count > 1) json_object_set_new(json, "overlap", json_real(df_devices_overlap(devices)));
+}
+
 json_t *df_report_json(const df_report *report) {
     const df_field *field = report->scene->field;
     const df_settings *settings = report->settings;
@@ -19,7 +46,6 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "gradient", json_string(df_gradient_names[settings->gradient]));
     json_object_set_new(json, "isa", json_string("scalar"));
     json_object_set_new(json, "threads", json_integer(report->threads));
-    json_object_set_new(json, "device", json_string("cpu"));
     json_object_set_new(json, "width", json_integer(settings->width));
     json_object_set_new(json, "height", json_integer(settings->height));
     json_object_set_new(json, "tile", json_integer(report->tile));
@@ -38,6 +64,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "phase_rays_ms", json_real(stats->rays_ms));
     json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms));
     json_object_set_new(json, "phase_shade_ms", json_real(stats->shade_ms));
+    add_devices(report->devices, json);
     return json;
 }
 

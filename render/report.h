@@ -2,6 +2,7 @@
 #ifndef DF_REPORT_H
 #define DF_REPORT_H
 
+#include "render/devices.h"
 #include "render/settings.h"
 
 #include <jansson.h>
@@ -10,6 +11,7 @@ typedef struct df_report {
     const char *field_path;
     const df_scene *scene;
     const df_settings *settings;
+    const df_devices *devices;
     df_frame_stats stats;
     uint32_t threads, tile;
     double load_ms;

@@ -2,6 +2,7 @@
 #include "common/memory.h"
 #include "fields.h"
 #include "render/gradient.h"
+#include "render/devices.h"
 #include "render/opencl_frame.h"
 #include "render/solve_methods.h"
 #include "tracing.h"
@@ -424,6 +425,141 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
     df_field_free(&field);
 }
 
+/* ---- several devices ---- */
+
+static df_devices *open_devices(const char *names, const df_scene *scene, const df_view *view, FILE *messages) {
+    const df_frame_options frame = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 16, 1};
+    df_devices_options options = {.messages = messages, .program = "test"};
+    df_devices *opened;
+    df_error err;
+    assert_int_equal(df_devices_parse(names, &options.choice, &err), DF_OK);
+    df_status status = df_devices_open(&options, scene, &frame, view->width, view->height, &opened, &err);
+    if (status != DF_OK) fail_msg("%s", err.text);
+    return opened;
+}
+
+static void device_lists_are_parsed(void **state) {
+    (void)state;
+    df_device_choice choice;
+    df_error err;
+    assert_int_equal(df_devices_parse("both", &choice, &err), DF_OK);
+    assert_int_equal(choice.count, 2);
+    assert_int_equal(df_devices_parse("opencl:3,cpu,opencl:1", &choice, &err), DF_OK);
+    assert_int_equal(choice.count, 3);
+    assert_int_equal(choice.numbers[0], 3);
+    assert_int_equal(choice.numbers[1], DF_DEVICE_CPU);
+    assert_int_equal(df_devices_parse("auto", &choice, &err), DF_OK);
+    assert_true(choice.automatic);
+    const char *const wrong[] = {"", "gpu", "cpu,cpu", "opencl:", "opencl:x", "opencl:-1", "cpu,", "both,cpu",
+                                 "opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl"};
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        assert_int_equal(df_devices_parse(wrong[i], &choice, &err), DF_ERROR_USAGE);
+    }
+}
+
+static void devices_share_a_picture_and_the_rows_follow_their_speeds(void **state) {
+    (void)state;
+    const char *const names[] = {"both", "opencl,opencl", "cpu,opencl,opencl", "cpu"};
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture expected = {0}, got = {0};
+    df_error err;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 120, 101, &view);
+    alloc_picture(&view, &expected);
+    alloc_picture(&view, &got);
+    scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
+    for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
+        df_devices *opened = open_devices(names[n], &scene, &view, NULL);
+        for (int frame = 0; frame < 6; frame++) {
+            df_device_report reports[DF_DEVICE_MAX];
+            df_frame_stats stats;
+            uint32_t rows = 0;
+            memset(got.rgb, 1, 3u * view.width * view.height);
+            assert_int_equal(df_devices_frame(opened, &view, &got, &stats, &err), DF_OK);
+            if (devices[device].correctly_rounded) assert_same_picture(&expected, &got);
+            const uint32_t parts = df_devices_report(opened, reports);
+            for (uint32_t i = 0; i < parts; i++) {
+                rows += reports[i].rows;
+                assert_true(reports[i].rows > 0);
+            }
+            assert_int_equal(rows, view.height);
+            assert_int_equal(stats.rays_cast, view.width * view.height);
+        }
+        df_devices_close(opened);
+    }
+    view.height = 3; /* fewer rows than groups of rows */
+    expected.height = got.height = 3;
+    df_devices *opened = open_devices("both", &scene, &view, NULL);
+    assert_int_equal(df_devices_frame(opened, &view, &got, NULL, &err), DF_OK);
+    if (devices[device].correctly_rounded) assert_same_picture(&expected, &got);
+    df_devices_close(opened);
+    free_picture(&expected);
+    free_picture(&got);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void rows_settle_where_all_parts_take_the_same_time(void **state) {
+    (void)state;
+    const double ms_a_row[] = {1.0, 3.0}; /* the second part is three times slower */
+    double shares[] = {0.5, 0.5};
+    uint32_t rows[2] = {0};
+    for (int frame = 0; frame < 8; frame++) {
+        double ms[2];
+        df_devices_divide(shares, 2, 1024, rows);
+        assert_int_equal(rows[0] + rows[1], 1024);
+        for (int i = 0; i < 2; i++) ms[i] = rows[i] * ms_a_row[i];
+        df_devices_learn(rows, ms, 2, shares);
+    }
+    assert_in_range(rows[0], 760, 776);
+    df_devices_divide((const double[]){0, 1}, 2, 64, rows); /* every part keeps a group */
+    assert_int_equal(rows[0], 8);
+    df_devices_divide((const double[]){1, 0}, 2, 64, rows);
+    assert_int_equal(rows[1], 8);
+    df_devices_divide((const double[]){0.5, 0.5}, 2, 5, rows);
+    assert_int_equal(rows[0] + rows[1], 5);
+}
+
+static void auto_falls_back_to_the_cpu_and_says_so_once(void **state) {
+    (void)state;
+    char *messages = NULL;
+    size_t size;
+    FILE *stream = open_memstream(&messages, &size);
+    const df_opencl_api *loaded;
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture expected = {0}, got = {0};
+    df_error err;
+    assert_int_equal(df_opencl_load(&loaded, &err), DF_OK);
+    df_opencl_api *api = (df_opencl_api *)(uintptr_t)loaded;
+    const df_opencl_api whole = *api;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 60, 40, &view);
+    alloc_picture(&view, &expected);
+    alloc_picture(&view, &got);
+    scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
+    df_devices *opened = open_devices("auto", &scene, &view, stream); /* without a GPU it falls back here, */
+    api->EnqueueNDRangeKernel = fail_launch;                          /* with one when it is lost */
+    for (int frame = 0; frame < 2; frame++) {
+        assert_int_equal(df_devices_frame(opened, &view, &got, NULL, &err), DF_OK);
+        assert_same_picture(&expected, &got);
+    }
+    *api = whole;
+    df_devices_close(opened);
+    fclose(stream);
+    const char *first = strstr(messages, "the CPU takes over\n");
+    assert_non_null(first);
+    assert_null(strstr(first + 1, "the CPU takes over"));
+    free(messages);
+    free_picture(&expected);
+    free_picture(&got);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 static void devices_are_chosen_by_number_or_kind(void **state) {
     (void)state;
     const df_opencl_info list[] = {
@@ -465,6 +601,10 @@ int main(int argc, char **argv) {
         cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
         cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),
         cmocka_unit_test(calls_that_fail_end_in_one_line_that_names_them),
+        cmocka_unit_test(device_lists_are_parsed),
+        cmocka_unit_test(rows_settle_where_all_parts_take_the_same_time),
+        cmocka_unit_test(devices_share_a_picture_and_the_rows_follow_their_speeds),
+        cmocka_unit_test(auto_falls_back_to_the_cpu_and_says_so_once),
     };
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
     free(devices);

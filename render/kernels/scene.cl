@@ -104,6 +104,18 @@ static inline void df_scene_corners(const df_scene *scene, const uint32_t voxel[
     }
 }
 
+/* Whether a voxel of the field has its corners stored, and in which block. */
+static inline bool df_scene_stored(const df_scene *scene, const uint32_t voxel[3], uint32_t *block) {
+    *block = 0;
+#if DF_KIND == DF_KIND_BRICKS
+    uint64_t row = voxel[1] / DF_K + (uint64_t)scene->coarse_count[1] * (voxel[2] / DF_K);
+    *block = scene->coarse[voxel[0] / DF_K + scene->coarse_count[0] * row];
+    return *block < DF_CELL_INSIDE;
+#else
+    return true;
+#endif
+}
+
 /* A sample that may lie in another brick than the voxel's own, or outside the field. Returns false when it is not stored. */
 static inline bool df_scene_sample(const df_scene *scene, const int at[3], float *value) {
     for (int a = 0; a < 3; a++) {
@@ -112,17 +124,14 @@ static inline bool df_scene_sample(const df_scene *scene, const int at[3], float
     uint64_t row, slice;
 #if DF_KIND == DF_KIND_BRICKS
     for (int c = 0; c < 8; c++) { /* a sample is corner of up to 8 voxels; any that stores it will do */
-        uint32_t voxel[3], back[3];
+        uint32_t voxel[3], back[3], block;
         bool exists = true;
         for (int a = 0; a < 3; a++) {
             back[a] = c >> a & 1;
             exists = exists && at[a] >= (int)back[a] && at[a] - (int)back[a] < (int)scene->voxel_count[a];
             voxel[a] = (uint32_t)at[a] - back[a];
         }
-        if (!exists) continue;
-        uint64_t coarse_row = voxel[1] / DF_K + (uint64_t)scene->coarse_count[1] * (voxel[2] / DF_K);
-        uint32_t block = scene->coarse[voxel[0] / DF_K + scene->coarse_count[0] * coarse_row];
-        if (block >= DF_CELL_INSIDE) continue;
+        if (!exists || !df_scene_stored(scene, voxel, &block)) continue;
         uint64_t first = df_scene_index(scene, voxel, block, &row, &slice);
         *value = df_scene_decode(scene, first + back[0] + row * back[1] + slice * back[2], block);
         return true;
@@ -135,20 +144,29 @@ static inline bool df_scene_sample(const df_scene *scene, const int at[3], float
 #endif
 }
 
-/* Fills the samples beyond the cell along `axis`: 4 before and 4 after. */
+/* Fills the samples beyond the cell along `axis`: 4 before and 4 after. They are a face of the next voxel, so where that voxel is stored one
+ * look-up finds all 4; otherwise each is searched for alone. */
 static inline void df_stencil_axis(const df_scene *scene, const uint32_t voxel[3], int axis, float stencil[64]) {
     const int stride[3] = {1, 4, 16}, u = (axis + 1) % 3, v = (axis + 2) % 3;
     for (int side = 0; side < 2; side++) {
+        uint32_t next[3] = {voxel[0], voxel[1], voxel[2]}, block;
+        uint64_t step[3] = {1, 0, 0}, first = 0;
+        next[axis] += side ? 1 : -1; /* wraps to a huge number before the field */
+        const bool stored = next[axis] < scene->voxel_count[axis] && df_scene_stored(scene, next, &block);
+        if (stored) first = df_scene_index(scene, next, block, &step[1], &step[2]);
+        if (stored && side) first += step[axis];
         for (int corner = 0; corner < 4; corner++) {
+            int base = DF_STENCIL(0, 0, 0) + (corner & 1) * stride[u] + (corner >> 1) * stride[v];
             int at[3] = {(int)voxel[0], (int)voxel[1], (int)voxel[2]};
             at[axis] += side ? 2 : -1;
             at[u] += corner & 1;
             at[v] += corner >> 1;
-            int base = DF_STENCIL(0, 0, 0) + (corner & 1) * stride[u] + (corner >> 1) * stride[v];
             float value;
-            if (!df_scene_sample(scene, at, &value)) {
-                float near = stencil[base + (side ? 1 : 0) * stride[axis]], next = stencil[base + (side ? 0 : 1) * stride[axis]];
-                value = (near + near) - next;
+            if (stored) {
+                value = df_scene_decode(scene, first + (corner & 1) * step[u] + (corner >> 1) * step[v], block);
+            } else if (!df_scene_sample(scene, at, &value)) {
+                float near = stencil[base + (side ? 1 : 0) * stride[axis]], after = stencil[base + (side ? 0 : 1) * stride[axis]];
+                value = (near + near) - after;
             }
             stencil[base + (side ? 2 : -1) * stride[axis]] = value;
         }
