@@ -20,7 +20,8 @@ static inline void df_shade_normal(const lf gradient[3], const lf inverse_size[3
     for (int a = 0; a < 3; a++) g[a] = gradient[a] * inverse_size[a];
     lf largest = lf_max(lf_abs(g[0]), lf_max(lf_abs(g[1]), lf_abs(g[2])));
     lm sound = lf_lt(lf_set(0), largest);
-    lf scale = lf_set(1) / lf_select(sound, largest, lf_set(1)); /* so that squares neither vanish nor overflow */
+    /* so that squares neither vanish nor overflow; a subnormal number has no reciprocal */
+    lf scale = lf_set(1) / lf_select(sound, lf_max(largest, lf_set(1e-37f)), lf_set(1));
     for (int a = 0; a < 3; a++) g[a] = g[a] * scale;
     lf length = lf_sqrt((g[0] * g[0] + g[1] * g[1]) + g[2] * g[2]);
     length = lf_select(sound, length, lf_set(1));

@@ -186,6 +186,10 @@ bool df_rays_set(df_rays *rays, uint32_t index, const double box[3], const doubl
     rays->t_base[index] = 0;
     if (far_away(box, origin)) df_ray_rebase(box, origin, d, o, &rays->t_base[index]);
     for (int a = 0; a < 3; a++) rays->origin[a][index] = (float)o[a];
+    for (int a = 0; a < 3; a++) {
+        /* A ray along a grid plane belongs to the cells above it; along the last one, to those below. */
+        if (fabs(d[a]) < (double)DF_DIRECTION_MIN) d[a] = (double)(o[a] >= box[a] ? -DF_DIRECTION_MIN : DF_DIRECTION_MIN);
+    }
     set_ray(rays, index, d);
     *t_scale = 1 / largest;
     return true;
