@@ -264,6 +264,14 @@ df_status df_devices_count(df_devices *d, const df_view *view, df_frame_stats *s
 
 /* ---- reports ---- */
 
+void df_devices_precomputation(const df_devices *d, double *ms, uint64_t *bytes) {
+    *ms = d->scene->precompute_ms;
+    *bytes = d->scene->precompute_bytes;
+    for (uint32_t i = 0; i < d->part_count; i++) {
+        if (d->parts[i].cpu) df_renderer_precomputation(d->parts[i].cpu, ms, bytes);
+    }
+}
+
 uint32_t df_devices_report(const df_devices *d, df_device_report reports[DF_DEVICE_MAX]) {
     memset(reports, 0, DF_DEVICE_MAX * sizeof *reports);
     for (uint32_t i = 0; i < d->part_count; i++) {

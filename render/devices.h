@@ -39,6 +39,9 @@ void df_devices_close(df_devices *devices);
 /* Like df_renderer_frame; where an OpenCL device took part, hits and steps are not counted (df_devices_count). */
 df_status df_devices_frame(df_devices *devices, const df_view *view, const df_picture *picture, df_frame_stats *stats, df_error *err);
 
+/* What preparing the field took besides reading it: the CPU's precomputation, or the upload. */
+void df_devices_precomputation(const df_devices *devices, double *ms, uint64_t *bytes);
+
 /* Completes the counts of hits and steps of a picture: a figure for reports, outside all timing. */
 df_status df_devices_count(df_devices *devices, const df_view *view, df_frame_stats *stats, df_error *err);
 

@@ -7,7 +7,7 @@
 #include "common/output_file.h"
 #include "common/progress.h"
 #include "common/version.h"
-#include "render/report.h"
+#include "render/bench.h"
 
 #include <argp.h>
 #include <errno.h>
@@ -26,15 +26,18 @@ typedef struct options {
     df_settings settings;
     bool settings_given; /* any option that belongs to the picture */
     const char *field_path, *output_path, *depth_path, *normals_path, *from_path;
+    const char *isa;
+    const df_kernels *kernels;
     uint32_t threads, tile;
     df_devices_options devices;
     bool list_devices;
+    uint32_t bench_frames, bench_repeats; /* frames 0: no bench */
     bool stats, json, map, quiet, verbose;
     const char *command;
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS };
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS };
 
 static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Camera (world units)", 1},
@@ -57,7 +60,8 @@ static const struct argp_option option_table[] = {
      0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
-    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: dda", 0},
+    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda (scalar 3DDDA, the reference); default "
+     "auto: the fastest that suits the field and the view", 0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,
      "How a ray is solved in a voxel: midpoint, linear, repeated, marmitt, analytic, robust (default robust)", 0},
     {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)", 0},
@@ -73,10 +77,16 @@ static const struct argp_option option_table[] = {
      0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
     {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
+    {"isa", KEY_ISA, "NAME", 0, "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
     {"map", KEY_MAP, 0, 0, "Use the field's samples in place in the mapped file", 0},
     {"stats", KEY_STATS, 0, 0, "Print what ran, the counts of rays and steps, and times", 0},
     {"json", KEY_JSON, 0, 0, "The same as one JSON object", 0},
+    {"bench", KEY_BENCH, "FRAMES", OPTION_ARG_OPTIONAL,
+     "Render FRAMES pictures (36) turning around the field, elevation 0 unless --orbit says otherwise, and print one line of CSV "
+     "with times; writes no picture",
+     0},
+    {"repeats", KEY_REPEATS, "N", 0, "Repeats of the bench (default 5)", 0},
     {"quiet", 'q', 0, 0, "No progress", 0},
     {"verbose", 'v', 0, 0, "Say what is done", 0},
     {0},
@@ -115,6 +125,9 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         return 0;
     case KEY_TILE: check(state, df_parse_u32("--tile", argument, 1, 4096, &opts->tile, &err), &err); return 0;
     case KEY_THREADS: check(state, df_parse_u32("--threads", argument, 1, 1024, &opts->threads, &err), &err); return 0;
+    case KEY_REPEATS: check(state, df_parse_u32("--repeats", argument, 1, 10000, &opts->bench_repeats, &err), &err); return 0;
+    case KEY_BENCH: check(state, df_parse_u32("--bench", argument ? argument : "36", 1, 3600, &opts->bench_frames, &err), &err); return 0;
+    case KEY_ISA: opts->isa = argument; return 0;
     case ARGP_KEY_ARG:
         if (opts->field_path) argp_error(state, "one field at a time: '%s' is too much", argument);
         opts->field_path = argument;
@@ -124,6 +137,10 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         if (opts->from_path && opts->settings_given) {
             argp_error(state, "--from takes camera, size and methods from the picture: it cannot go with options that set them");
         }
+        if (opts->bench_frames && (opts->from_path || opts->output_path || opts->depth_path || opts->normals_path)) {
+            argp_error(state, "--bench writes no picture: it cannot go with --from, --output, --depth or --normals");
+        }
+        if (opts->bench_frames && !opts->settings.has_orbit) opts->settings.orbit[0] = opts->settings.orbit[1] = 0;
         if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
         return 0;
     default: return ARGP_ERR_UNKNOWN;
@@ -159,7 +176,7 @@ static void session_free(session *s) {
 static df_status check_outputs(options *opts, session *s, df_error *err) {
     const char *float_paths[2] = {opts->depth_path, opts->normals_path};
     df_status status = DF_OK;
-    if (!opts->output_path && !opts->from_path) {
+    if (!opts->output_path && !opts->from_path && !opts->bench_frames) {
         opts->output_path = s->own_path = df_path_with_extension(opts->field_path, ".png", 0);
         if (!s->own_path) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     }
@@ -264,7 +281,6 @@ static df_status print_report(const options *opts, session *s, df_error *err) {
     df_status status = df_count_entering(&s->view, &s->report.stats.rays_entering, err);
     if (status == DF_OK) status = df_devices_count(s->devices, &s->view, &s->report.stats, err);
     if (status != DF_OK) return status;
-    s->report.devices = s->devices;
     json_t *json = df_report_json(&s->report);
     if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     if (opts->json) {
@@ -285,11 +301,22 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (status != DF_OK) return status;
     s->settings_text = df_settings_text(settings, &s->camera);
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
-    const df_frame_options frame = {settings->tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads};
+    const df_tracer *tracer = settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view);
+    const df_frame_options frame = {tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads,
+                                    opts->kernels};
     status = alloc_picture(opts, &s->picture, err);
     if (status == DF_OK) status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
-    if (status == DF_OK) status = df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);
-    return status;
+    if (status != DF_OK) return status;
+    s->report.tracer = tracer;
+    s->report.devices = s->devices;
+    s->report.field_path = opts->field_path;
+    s->report.scene = &s->scene;
+    s->report.settings = settings;
+    s->report.kernels = opts->kernels;
+    s->report.threads = opts->threads;
+    s->report.tile = opts->tile;
+    df_devices_precomputation(s->devices, &s->report.precompute_ms, &s->report.precompute_bytes);
+    return opts->bench_frames ? DF_OK : df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);
 }
 
 static df_status list_devices(df_error *err) {
@@ -309,21 +336,27 @@ static df_status list_devices(df_error *err) {
     return status;
 }
 
+static df_status run_bench(const options *opts, session *s, df_error *err) {
+    df_bench bench = {.frames = opts->bench_frames, .repeats = opts->bench_repeats, .command = opts->command};
+    df_status status = df_bench_run(&bench, s->devices, &opts->settings, &s->field, &s->picture, err);
+    if (status == DF_OK) {
+        df_bench_print_header(stdout);
+        status = df_bench_print(stdout, &bench, &s->report, err);
+    }
+    df_bench_free(&bench);
+    return status;
+}
+
 static df_status run(options *opts, session *s, df_error *err) {
-    df_status status = DF_OK;
-    if (opts->from_path) status = read_original(opts, s, err);
+    df_status status = df_kernels_select(opts->isa, &opts->kernels, err);
+    if (status == DF_OK && opts->from_path) status = read_original(opts, s, err);
     if (status == DF_OK) status = check_outputs(opts, s, err);
     if (status == DF_OK) status = read_field(opts, s, err);
     if (status == DF_OK) status = render(opts, s, err);
-    if (status == DF_OK) status = write_outputs(opts, s, err);
+    if (status == DF_OK) status = opts->bench_frames ? run_bench(opts, s, err) : write_outputs(opts, s, err);
     if (status != DF_OK) return status;
-    s->report.field_path = opts->field_path;
-    s->report.scene = &s->scene;
-    s->report.settings = &opts->settings;
-    s->report.threads = opts->threads;
-    s->report.tile = opts->tile;
     if (opts->verbose && opts->output_path) fprintf(stderr, "df-render: wrote %s\n", opts->output_path);
-    status = print_report(opts, s, err);
+    if (!opts->bench_frames) status = print_report(opts, s, err);
     if (status == DF_OK && opts->from_path) status = compare_original(opts, s, err);
     if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
         status = df_fail(err, DF_ERROR_IO, "standard output: %s", strerror(errno));
@@ -337,7 +370,8 @@ int main(int argc, char **argv) {
     argp_program_version = "df-render " DF_VERSION;
     argp_err_exit_status = 2;
     df_interrupt_install("df-render");
-    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64, .devices = {.choice = {.count = 1, .numbers = {DF_DEVICE_CPU}}, .program = "df-render"}};
+    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64, .isa = "auto", .bench_repeats = 5,
+                    .devices = {.choice = {.count = 1, .numbers = {DF_DEVICE_CPU}}, .program = "df-render"}};
     session s = {0};
     df_error err = {0};
     df_settings_defaults(&opts.settings);

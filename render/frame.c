@@ -1,7 +1,6 @@
 #include "render/frame.h"
 #include "common/memory.h"
 #include "common/progress.h"
-#include "render/gradient.h"
 #include "render/shade.h"
 
 #include <assert.h>
@@ -25,6 +24,7 @@ struct df_renderer {
     uint32_t worker_count;
     uint32_t tile_width, tile_height; /* of the largest tile */
     void *tracer_state;
+    double prepare_ms;
     frame_worker *workers;
     uint8_t shade_table[DF_SHADE_LEVELS];
     uint8_t background[3];
@@ -36,10 +36,6 @@ void df_shade_table(uint8_t table[]) {
         double coded = linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1 / 2.4) - 0.055;
         table[i] = (uint8_t)(coded * 255 + 0.5);
     }
-}
-
-static uint32_t shade_level(float linear) {
-    return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f);
 }
 
 void df_renderer_close(df_renderer *renderer) {
@@ -62,16 +58,20 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     bool whole = options->tracer->whole_frame;
     renderer->scene = scene;
     renderer->options = *options;
+    if (!options->kernels) renderer->options.kernels = &df_kernels_scalar;
     renderer->worker_count = whole ? 1 : options->threads;
     renderer->tile_width = whole || options->tile > width ? width : options->tile;
     renderer->tile_height = whole || options->tile > height ? height : options->tile;
     df_shade_table(renderer->shade_table);
     const float background[3] = DF_SHADE_BACKGROUND;
-    for (int c = 0; c < 3; c++) renderer->background[c] = renderer->shade_table[shade_level(background[c])];
+    for (int c = 0; c < 3; c++) renderer->background[c] = renderer->shade_table[df_shade_level(background[c])];
 
     uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
-    const df_trace_options trace = {options->solve, options->steps, options->threads, tile_rays};
+    const df_trace_options trace = {renderer->options.kernels, options->solve, options->steps, options->threads, renderer->tile_width,
+                                   renderer->tile_height};
+    const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
+    renderer->prepare_ms = df_now_ms() - start;
     if (status == DF_OK) {
         status = df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
     }
@@ -82,6 +82,12 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     if (status != DF_OK) df_renderer_close(renderer);
     else *out = renderer;
     return status;
+}
+
+void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_t *bytes) {
+    const df_tracer *tracer = renderer->options.tracer;
+    *ms = renderer->scene->precompute_ms + renderer->prepare_ms;
+    *bytes = renderer->scene->precompute_bytes + (tracer->bytes ? tracer->bytes(renderer->tracer_state) : 0);
 }
 
 /* Fills a rectangle of the picture with what is seen where nothing is hit. */
@@ -99,30 +105,6 @@ static void clear_tile(const df_renderer *renderer, const df_tile *tile, const d
     }
 }
 
-/* Gradient, normal and light of one hit, written to its pixel. */
-static void shade_hit(const df_renderer *renderer, const df_tile *tile, const df_hits *hits, uint32_t i, const df_picture *picture) {
-    const df_view *view = tile->view;
-    const uint32_t voxel[3] = {hits->cell[0][i], hits->cell[1][i], hits->cell[2][i]}, ray = hits->ray[i];
-    float stencil[64], local[3], gradient[3], toward_eye[3], normal[3], direction[3], inverse_size[3];
-    df_scene_stencil(renderer->scene, voxel, hits->block[i], renderer->options.gradient != DF_GRADIENT_ANALYTIC, stencil);
-    for (int a = 0; a < 3; a++) {
-        local[a] = hits->local[a][i];
-        direction[a] = tile->rays.direction[a][ray];
-        inverse_size[a] = 1.0f / view->relative_size[a];
-    }
-    df_gradient(renderer->options.gradient, stencil, local, gradient);
-    df_shade_toward_eye(direction, view->relative_size, toward_eye);
-    df_shade_normal(gradient, inverse_size, toward_eye, normal);
-    size_t pixel = (size_t)(tile->y + ray / tile->width) * picture->width + tile->x + ray % tile->width;
-    if (picture->rgb) {
-        const float albedo[3] = DF_SHADE_ALBEDO;
-        float light = df_shade_light(normal, toward_eye);
-        for (int c = 0; c < 3; c++) picture->rgb[3 * pixel + c] = renderer->shade_table[shade_level(albedo[c] * light)];
-    }
-    if (picture->normals) memcpy(picture->normals + 3 * pixel, normal, sizeof normal);
-    if (picture->depth) picture->depth[pixel] = df_view_distance(view, direction, hits->t[i]);
-}
-
 static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture *picture) {
     frame_worker *worker = &renderer->workers[thread];
     const df_tracer *tracer = renderer->options.tracer;
@@ -130,14 +112,16 @@ static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture
     double start = df_now_ms(), made = start, traced = start;
     worker->hits.count = 0;
     if (!tracer->touches || tracer->touches(renderer->tracer_state, tile)) {
-        df_view_rays(tile->view, tile->x, tile->y, tile->width, tile->height, &tile->rays);
+        df_view_rays(tile->view, renderer->options.kernels, tile->x, tile->y, tile->width, tile->height, &tile->rays);
         made = df_now_ms();
         df_status status = tracer->trace(renderer->tracer_state, thread, tile, &worker->hits, &worker->stats.counters, &worker->error);
         if (status != DF_OK) worker->status = status;
         traced = df_now_ms();
     }
     clear_tile(renderer, tile, picture);
-    for (uint32_t i = 0; i < worker->hits.count; i++) shade_hit(renderer, tile, &worker->hits, i, picture);
+    const df_shade_job job = {renderer->scene, tile,         renderer->options.gradient, renderer->shade_table,
+                              picture->width,  picture->rgb, picture->depth,             picture->normals};
+    if (worker->hits.count) renderer->options.kernels->shade(&job, &worker->hits);
     worker->stats.rays_ms += made - start;
     worker->stats.trace_ms += traced - made;
     worker->stats.shade_ms += df_now_ms() - traced;
@@ -163,10 +147,15 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     assert(!renderer->options.tracer->whole_frame || row_count == view->height);
     const double start = df_now_ms();
     const df_tracer *tracer = renderer->options.tracer;
+    if (tracer->suits && !tracer->suits(renderer->scene, view)) {
+        return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this view (the eye is too far away): choose auto or dda",
+                       tracer->name);
+    }
     if (tracer->begin_frame) {
-        df_status status = tracer->begin_frame(renderer->tracer_state, view, err);
+        df_status status = tracer->begin_frame(renderer->tracer_state, view, first_row, row_count, err);
         if (status != DF_OK) return status;
     }
+    const double begun = df_now_ms();
     const uint32_t width = renderer->tile_width, height = renderer->tile_height;
     const uint32_t columns = (view->width + width - 1) / width, rows = (row_count + height - 1) / height;
     for (uint32_t i = 0; i < renderer->worker_count; i++) {
@@ -192,6 +181,7 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
         }
         df_frame_stats_add(&sum, &renderer->workers[i].stats);
     }
+    sum.begin_ms = begun - start;
     sum.frame_ms = df_now_ms() - start;
     if (stats) *stats = sum;
     return DF_OK;
@@ -208,7 +198,7 @@ df_status df_count_entering(const df_view *view, uint64_t *entering, df_error *e
     if (status != DF_OK) return status;
     *entering = 0;
     for (uint32_t y = 0; y < view->height; y++) {
-        df_view_rays(view, 0, y, view->width, 1, &rays);
+        df_view_rays(view, &df_kernels_scalar, 0, y, view->width, 1, &rays);
         *entering += df_rays_entering(&rays, view->box);
     }
     df_rays_free(&rays);

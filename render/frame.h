@@ -5,7 +5,7 @@
 #ifndef DF_FRAME_H
 #define DF_FRAME_H
 
-#include "render/tracer.h"
+#include "render/kernels.h"
 
 /* What a picture consists of; arrays that are NULL are not wanted. Rows from top to bottom. */
 typedef struct df_picture {
@@ -21,6 +21,7 @@ typedef struct df_frame_options {
     int gradient;     /* DF_GRADIENT_... */
     uint32_t tile;    /* edge of a tile in pixels */
     uint32_t threads;
+    const df_kernels *kernels; /* NULL: scalar */
 } df_frame_options;
 
 /* Of one picture. Phases are summed over threads. */
@@ -28,6 +29,7 @@ typedef struct df_frame_stats {
     uint64_t rays_cast, rays_entering, rays_hitting;
     df_counters counters;
     double frame_ms; /* wall clock, from the view to the complete picture */
+    double begin_ms;                     /* what the tracer does before the tiles, wall clock */
     double rays_ms, trace_ms, shade_ms; /* making rays; traversal and solves; gradients, shading and writing */
 } df_frame_stats;
 
@@ -38,6 +40,9 @@ typedef struct df_renderer df_renderer;
 df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
                            df_renderer **out, df_error *err);
 void df_renderer_close(df_renderer *renderer);
+
+/* What preparing the tracer took: once per field and options. */
+void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_t *bytes);
 
 /* Renders one picture of the view's size. stats may be NULL. */
 df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,

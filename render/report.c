@@ -1,20 +1,25 @@
 #include "render/report.h"
 
 #include <stdio.h>
+#include <string.h>
 
 /* What OpenCL devices took, and where a picture has several parts, each of them. */
-static void add_devices(const df_devices *devices, json_t *json) {
+static void add_devices(const df_devices *devices, const df_tracer *tracer, json_t *json) {
     df_device_report parts[DF_DEVICE_MAX];
     const uint32_t count = df_devices_report(devices, parts);
     double build_ms = 0, upload_ms = 0, download_ms = 0;
     char text[DF_DEVICE_MAX * (sizeof parts[0].name + 3)] = "";
+    char tracers[64] = "";
     size_t used = 0;
     for (uint32_t i = 0; i < count; i++) {
         build_ms += parts[i].build_ms;
         upload_ms += parts[i].upload_ms;
         download_ms += parts[i].download_ms;
+        const char *name = strncmp(parts[i].name, "opencl", 6) == 0 ? "dda" : tracer->name; /* what devices have */
+        if (!strstr(tracers, name)) snprintf(tracers + strlen(tracers), sizeof tracers - strlen(tracers), "%s%s", *tracers ? " + " : "", name);
         used += (size_t)snprintf(text + used, sizeof text - used, "%s%.*s", i ? " + " : "", (int)sizeof parts[i].name - 1, parts[i].name);
     }
+    json_object_set_new(json, "tracer", json_string(tracers));
     json_object_set_new(json, "device", json_string(text));
     json_object_set_new(json, "phase_build_ms", json_real(build_ms));
     json_object_set_new(json, "phase_upload_ms", json_real(upload_ms));
@@ -40,11 +45,11 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "field", json_string(report->field_path));
     json_object_set_new(json, "structure", json_string(df_scene_structure_name(report->scene)));
     json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
-    json_object_set_new(json, "tracer", json_string(settings->tracer->name));
+    json_object_set_new(json, "tracer", json_string(report->tracer->name));
     json_object_set_new(json, "intersect", json_string(df_solve_names[settings->solve]));
     json_object_set_new(json, "steps", json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
     json_object_set_new(json, "gradient", json_string(df_gradient_names[settings->gradient]));
-    json_object_set_new(json, "isa", json_string("scalar"));
+    json_object_set_new(json, "isa", json_string(report->kernels->isa));
     json_object_set_new(json, "threads", json_integer(report->threads));
     json_object_set_new(json, "width", json_integer(settings->width));
     json_object_set_new(json, "height", json_integer(settings->height));
@@ -57,14 +62,15 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "cells_tested_per_ray", json_real((double)counters->cells_tested / rays));
     json_object_set_new(json, "mean_active_lanes", json_real(lanes > 0 ? (double)counters->lanes_active / lanes : 1));
     json_object_set_new(json, "load_ms", json_real(report->load_ms));
-    json_object_set_new(json, "precompute_ms", json_real(report->scene->precompute_ms));
-    json_object_set_new(json, "precompute_bytes", json_integer((json_int_t)report->scene->precompute_bytes));
+    json_object_set_new(json, "precompute_ms", json_real(report->precompute_ms));
+    json_object_set_new(json, "precompute_bytes", json_integer((json_int_t)report->precompute_bytes));
     json_object_set_new(json, "frame_ms", json_real(stats->frame_ms));
     json_object_set_new(json, "ns_per_ray", json_real(stats->frame_ms * 1e6 / rays));
+    json_object_set_new(json, "phase_begin_ms", json_real(stats->begin_ms));
     json_object_set_new(json, "phase_rays_ms", json_real(stats->rays_ms));
     json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms));
     json_object_set_new(json, "phase_shade_ms", json_real(stats->shade_ms));
-    add_devices(report->devices, json);
+    add_devices(report->devices, report->tracer, json);
     return json;
 }
 

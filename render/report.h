@@ -13,8 +13,11 @@ typedef struct df_report {
     const df_settings *settings;
     const df_devices *devices;
     df_frame_stats stats;
+    const df_tracer *tracer;
+    const df_kernels *kernels;
     uint32_t threads, tile;
-    double load_ms;
+    double load_ms, precompute_ms;
+    uint64_t precompute_bytes;
 } df_report;
 
 /* NULL when memory is short. The names are those of measure: tools rely on them. */

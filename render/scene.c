@@ -45,71 +45,72 @@ void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t b
 
 /* ---- the stencil of a voxel ---- */
 
-/* A sample that may lie in another brick than the voxel's own, or outside the field. Returns false when it is not stored. */
-static bool sample_anywhere(const df_field *field, const int64_t at[3], float *value) {
-    uint32_t sample[3];
-    for (int a = 0; a < 3; a++) {
-        if (at[a] < 0 || at[a] > field->voxel_count[a]) return false;
-        sample[a] = (uint32_t)at[a];
-    }
-    return df_field_sample(field, sample, value);
-}
+/* Where samples of a run start: of the whole dense field or of one brick. */
+typedef struct sample_run {
+    uint64_t first, row, slice;
+    uint32_t block;
+} sample_run;
 
-/* Fills the samples beyond the cell along `axis`: 4 before and 4 after. */
-static void stencil_axis(const df_scene *scene, const uint32_t voxel[3], int axis, float stencil[64]) {
-    const int stride[3] = {1, 4, 16}, u = (axis + 1) % 3, v = (axis + 2) % 3;
-    for (int side = 0; side < 2; side++) {
-        for (int corner = 0; corner < 4; corner++) {
-            int64_t at[3] = {voxel[0], voxel[1], voxel[2]};
-            at[axis] += side ? 2 : -1;
-            at[u] += corner & 1;
-            at[v] += corner >> 1;
-            int base = DF_STENCIL(0, 0, 0) + (corner & 1) * stride[u] + (corner >> 1) * stride[v];
-            int beyond = base + (side ? 2 : -1) * stride[axis];
-            if (!sample_anywhere(scene->field, at, &stencil[beyond])) {
-                float near = stencil[base + (side ? 1 : 0) * stride[axis]], next = stencil[base + (side ? 0 : 1) * stride[axis]];
-                stencil[beyond] = (near + near) - next;
-            }
-        }
-    }
-}
-
-/* True where all of a voxel's stencil lies in one run of samples: *at is the lower corner's index. */
-static bool stencil_is_local(const df_scene *scene, const uint32_t voxel[3], uint32_t block, uint64_t *at, uint64_t *row,
-                             uint64_t *slice) {
+static sample_run run_of_block(const df_scene *scene, uint32_t block) {
     const df_field *field = scene->field;
-    bool local = true;
     if (field->kind == DF_FIELD_BRICKS) {
-        uint32_t mask = scene->k - 1, side = scene->k + 1;
-        for (int a = 0; a < 3; a++) {
-            uint32_t within = voxel[a] & mask;
-            local = local && within >= 1 && within + 2 <= scene->k && voxel[a] + 2 <= scene->voxel_count[a];
-        }
-        *row = side;
-        *slice = side * side;
-        *at = (uint64_t)block * df_brick_sample_count(scene->k) + (voxel[0] & mask) + *row * (voxel[1] & mask) + *slice * (voxel[2] & mask);
-    } else {
-        for (int a = 0; a < 3; a++) local = local && voxel[a] >= 1 && voxel[a] + 2 <= scene->voxel_count[a];
-        *row = (uint64_t)field->voxel_count[0] + 1;
-        *slice = *row * ((uint64_t)field->voxel_count[1] + 1);
-        *at = voxel[0] + *row * voxel[1] + *slice * voxel[2];
+        uint32_t side = scene->k + 1;
+        return (sample_run){(uint64_t)block * df_brick_sample_count(scene->k), side, side * side, block};
     }
-    return local;
+    uint64_t row = (uint64_t)field->voxel_count[0] + 1;
+    return (sample_run){0, row, row * ((uint64_t)field->voxel_count[1] + 1), 0};
 }
 
-void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float stencil[64]) {
-    uint64_t at, row, slice;
-    bool whole = stencil_is_local(scene, voxel, block, &at, &row, &slice) && beyond;
-    for (int z = whole ? -1 : 0; z < (whole ? 3 : 2); z++) {
-        for (int y = whole ? -1 : 0; y < (whole ? 3 : 2); y++) {
-            for (int x = whole ? -1 : 0; x < (whole ? 3 : 2); x++) {
-                uint64_t index = at + (uint64_t)(int64_t)x + row * (uint64_t)(int64_t)y + slice * (uint64_t)(int64_t)z;
-                stencil[DF_STENCIL(x, y, z)] = decode(scene->field, index, block);
-            }
+/* Fills the 4 samples one step beyond the cell along `axis`, before it or after it, at strides of `step` floats. */
+static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int axis, bool after, float *stencil,
+                         size_t step) {
+    const df_field *field = scene->field;
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3, stride[3] = {1, 4, 16};
+    const int corner = DF_STENCIL(0, 0, 0), beyond = corner + (after ? 2 : -1) * stride[axis];
+    const int64_t at = (int64_t)voxel[axis] + (after ? 2 : -1);
+    bool exists = at >= 0 && at <= field->voxel_count[axis];
+    if (exists && field->kind == DF_FIELD_BRICKS) {
+        int64_t low = voxel[axis] & ~(scene->k - 1);
+        if (at < low || at > low + scene->k) { /* in the next brick, when there is one */
+            uint32_t cell[3] = {voxel[0], voxel[1], voxel[2]};
+            cell[axis] = (uint32_t)(after ? at - 1 : at);
+            block = df_scene_block(scene, cell[0], cell[1], cell[2]);
         }
     }
-    if (whole || !beyond) return;
-    for (int axis = 0; axis < 3; axis++) stencil_axis(scene, voxel, axis, stencil);
+    const bool stored = exists && block < DF_CELL_INSIDE;
+    const sample_run run = run_of_block(scene, stored ? block : 0);
+    const uint32_t mask = field->kind == DF_FIELD_BRICKS ? scene->k - 1 : 0xFFFFFFFFu;
+    const uint64_t strides[3] = {1, run.row, run.slice};
+    /* after: the sample is the upper neighbour of at - 1, which lies in the same brick */
+    const uint64_t along = after ? ((uint64_t)(at - 1) & mask) + 1 : (uint64_t)at & mask;
+    const uint64_t first = run.first + along * strides[axis] + (voxel[u] & mask) * strides[u] + (voxel[v] & mask) * strides[v];
+    for (int i = 0; i < 4; i++) {
+        const int side = (i & 1) * stride[u] + (i >> 1) * stride[v];
+        float *out = &stencil[(size_t)(beyond + side) * step];
+        if (stored) {
+            *out = decode(field, first + (i & 1) * strides[u] + (uint64_t)(i >> 1) * strides[v], block);
+            continue;
+        }
+        uint32_t sample[3];
+        sample[axis] = (uint32_t)at;
+        sample[u] = voxel[u] + (i & 1);
+        sample[v] = voxel[v] + (i >> 1);
+        if (exists && df_field_sample(field, sample, out)) continue;
+        float near = stencil[(size_t)(corner + side + (after ? stride[axis] : 0)) * step];
+        float next = stencil[(size_t)(corner + side + (after ? 0 : stride[axis])) * step];
+        *out = (near + near) - next;
+    }
+}
+
+void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil, size_t step) {
+    const sample_run run = run_of_block(scene, block);
+    const uint32_t mask = scene->field->kind == DF_FIELD_BRICKS ? scene->k - 1 : 0xFFFFFFFFu;
+    const uint64_t first = run.first + (voxel[0] & mask) + (voxel[1] & mask) * run.row + (voxel[2] & mask) * run.slice;
+    for (int c = 0; c < 8; c++) {
+        const uint64_t at = first + (c & 1) + (c & 2 ? run.row : 0) + (c & 4 ? run.slice : 0);
+        stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = decode(scene->field, at, block);
+    }
+    for (int face = 0; beyond && face < 6; face++) stencil_face(scene, voxel, block, face >> 1, face & 1, stencil, step);
 }
 
 /* ---- masks ---- */

@@ -45,8 +45,9 @@ const char *df_scene_structure_name(const df_scene *scene);
 /* The 8 corner values of a voxel minus iso. block: of its coarse cell when the field is made of bricks, else ignored. */
 void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8]);
 
-/* The stencil of a voxel (gradient.h), values as stored. Without `beyond` only the 8 corners of the voxel. */
-void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float stencil[64]);
+/* The stencil of a voxel (gradient.h), values as stored; entry i goes to stencil[i * step]. Without `beyond` only the 8 corners
+ * of the voxel. */
+void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil, size_t step);
 
 /* The block of a voxel's coarse cell, or DF_CELL_OUTSIDE or DF_CELL_INSIDE. levels = 2 only. */
 static inline uint32_t df_scene_block(const df_scene *scene, uint32_t x, uint32_t y, uint32_t z) {

@@ -14,7 +14,6 @@ void df_settings_defaults(df_settings *settings) {
     memset(settings, 0, sizeof *settings);
     settings->width = 1280;
     settings->height = 1024;
-    settings->tracer = df_tracers[0];
     settings->solve = DF_SOLVE_ROBUST;
     settings->gradient = DF_GRADIENT_CORNER_CENTRAL;
     settings->orbit[0] = 30;
@@ -27,11 +26,11 @@ void df_settings_defaults(df_settings *settings) {
 static df_status set_tracer(df_settings *settings, const char *value, df_error *err) {
     char names[512] = "";
     settings->tracer = df_tracer_find(value);
-    if (settings->tracer) return DF_OK;
+    if (settings->tracer || strcmp(value, "auto") == 0) return DF_OK;
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
     }
-    return df_fail(err, DF_ERROR_USAGE, "--tracer %s: expected one of %s", value, names + 2);
+    return df_fail(err, DF_ERROR_USAGE, "--tracer %s: expected one of auto%s", value, names);
 }
 
 static df_status set_camera(df_settings *s, const char *name, const char *value, bool *known, df_error *err) {
@@ -117,7 +116,7 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     size_t size;
     FILE *stream = open_memstream(&text, &size);
     if (!stream) return NULL;
-    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso, s->tracer->name,
+    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso, s->tracer ? s->tracer->name : "auto",
             df_solve_names[s->solve], df_gradient_names[s->gradient]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);

@@ -11,7 +11,7 @@ typedef struct df_settings {
     uint32_t width, height;
     double iso;
     df_scene_options scene;
-    const df_tracer *tracer;
+    const df_tracer *tracer; /* NULL: auto */
     int solve, steps, gradient;
     double orbit[3];     /* degrees, degrees, multiples of the longest side: used when there is no eye */
     bool has_orbit, has_eye, has_look_at, has_up;

@@ -42,4 +42,11 @@ static inline lf df_shade_light(const lf normal[3], const lf toward_eye[3]) {
     return lf_set(DF_SHADE_AMBIENT) + lf_set(1 - DF_SHADE_AMBIENT) * lf_min(cosine, lf_set(1));
 }
 
+#ifndef DF_OPENCL
+/* The level of linear light in df_shade_table. */
+static inline uint32_t df_shade_level(float linear) {
+    return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f);
+}
+#endif
+
 #endif

@@ -3,15 +3,15 @@
  */
 #include "render/dda.h"
 #include "common/memory.h"
+#include "render/kernels.h"
 #include "render/solve_methods.h"
-#include "render/tracer.h"
 
 #include <stdlib.h>
 
 typedef struct dda_state {
     const df_scene *scene;
     df_trace_options options;
-    df_candidate **candidates; /* by thread, tile_rays each */
+    df_candidate **candidates; /* by thread, one a ray of a tile */
 } dda_state;
 
 static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
@@ -30,7 +30,7 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
         candidates[count].ray = i;
         count += dda_walk_scene(state->scene, DF_SOLVE_ISOLATES(state->options.solve), &ray, &candidates[count], counters);
     }
-    df_candidates_solve(state->scene, &state->options, rays, candidates, count, hits);
+    state->options.kernels->solve(state->scene, &state->options, rays, candidates, count, hits);
     return DF_OK;
 }
 
@@ -54,7 +54,7 @@ static df_status dda_prepare(const df_scene *scene, const df_trace_options *opti
     status = df_alloc((void **)&state->candidates, options->threads, sizeof *state->candidates, "tracer", err);
     for (uint32_t i = 0; i < options->threads && status == DF_OK; i++) {
         /* one more than there are rays: the walk fills the next entry before it knows */
-        status = df_alloc_raw((void **)&state->candidates[i], options->tile_rays + 1ull, sizeof **state->candidates, "candidates", err);
+        status = df_alloc_raw((void **)&state->candidates[i], (uint64_t)options->tile_width * options->tile_height + 1, sizeof **state->candidates, "candidates", err);
     }
     if (status != DF_OK) {
         dda_release(state);

@@ -12,7 +12,8 @@
 #include "render/scene.h"
 #include "render/view.h"
 
-/* Hits as arrays, only those that there are, in any order. */
+/* Hits as arrays, only those that there are, in any order. The arrays hold DF_RAY_PADDING entries more than capacity, so that
+ * whole vectors may be stored at the end. */
 #define DF_HIT_BACK 1u /* the ray came from inside: what it sees is a back face */
 typedef struct df_hits {
     uint32_t count, capacity;
@@ -42,10 +43,11 @@ typedef struct df_tile {
 } df_tile;
 
 typedef struct df_trace_options {
+    const df_kernels *kernels; /* the instruction set to use */
     int solve;          /* DF_SOLVE_... of solve.h */
     int steps;          /* of the solve; 0: df_solve_steps */
     uint32_t threads;   /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
-    uint32_t tile_rays; /* the most rays in a tile */
+    uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted from begin_frame's first */
 } df_trace_options;
 
 typedef struct df_tracer df_tracer;
@@ -57,19 +59,26 @@ struct df_tracer {
     /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a view. */
     df_status (*prepare)(const df_scene *scene, const df_trace_options *options, void **state, df_error *err);
     void (*release)(void *state);
-    /* NULL or called once before the tiles of a picture. */
-    df_status (*begin_frame)(void *state, const df_view *view, df_error *err);
+    /* NULL or the bytes that prepare added for the scene, workspaces of threads not counted. */
+    uint64_t (*bytes)(const void *state);
+    /* NULL, or false where the tracer cannot do this view (tiles without a view are arbitrary rays: view is NULL). */
+    bool (*suits)(const df_scene *scene, const df_view *view);
+    /* NULL or called once before the tiles of a picture, or of some rows of it. */
+    df_status (*begin_frame)(void *state, const df_view *view, uint32_t first_row, uint32_t row_count, df_error *err);
     /* NULL, or false where no ray of the tile can hit: its rays are then not even made. tile->rays is not valid yet. */
     bool (*touches)(const void *state, const df_tile *tile);
     /* Appends the hits of a tile to hits, which is empty and has room for one a ray. */
     df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
 };
 
-extern const df_tracer df_tracer_dda;
+extern const df_tracer df_tracer_dda, df_tracer_splat;
 
-/* All tracers that were built in, ended by NULL; the first is what "auto" means where it is correct. */
+/* All tracers that were built in, the fastest first, ended by NULL. */
 extern const df_tracer *const df_tracers[];
 const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
+
+/* The fastest tracer that suits a scene and a view: what --tracer auto takes. */
+const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view);
 
 /* Names of solves and gradients, by number, ended by NULL. */
 extern const char *const df_solve_names[];
@@ -85,9 +94,5 @@ typedef struct df_candidate {
     uint16_t cell[3];
     uint8_t flags;
 } df_candidate;
-
-/* Solves accepted cells, in double, and appends them to hits: the last step of every tracer that walks cells. */
-void df_candidates_solve(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
-                         const df_candidate *candidates, uint32_t count, df_hits *hits);
 
 #endif

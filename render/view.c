@@ -1,5 +1,6 @@
 #include "render/view.h"
 #include "common/memory.h"
+#include "render/kernels.h"
 
 #include <assert.h>
 #include <math.h>
@@ -148,26 +149,15 @@ static void far_rays(const df_view *view, uint32_t x0, uint32_t y0, uint32_t wid
     }
 }
 
-void df_view_rays(const df_view *view, uint32_t x0, uint32_t y0, uint32_t width, uint32_t height, df_rays *rays) {
+void df_view_rays(const df_view *view, const df_kernels *kernels, uint32_t x, uint32_t y, uint32_t width, uint32_t height,
+                  df_rays *rays) {
     rays->count = width * height;
     rays->shared_origin = !view->rebase;
     if (view->rebase) {
         assert(rays->t_base);
-        far_rays(view, x0, y0, width, height, rays);
+        far_rays(view, x, y, width, height, rays);
     } else {
-        for (int a = 0; a < 3; a++) {
-            const double right = view->right[a];
-            rays->origin[a][0] = (float)view->eye[a];
-            for (uint32_t y = 0; y < height; y++) {
-                const double row = view->corner[a] + (y0 + y) * view->down[a];
-                float *restrict direction = rays->direction[a] + (size_t)y * width;
-                float *restrict inverse = rays->inverse[a] + (size_t)y * width;
-                for (uint32_t x = 0; x < width; x++) {
-                    direction[x] = df_ray_direction(row + (int32_t)(x0 + x) * right);
-                    inverse[x] = 1.0f / direction[x];
-                }
-            }
-        }
+        kernels->view_rays(view, x, y, width, height, rays);
         if (rays->t_base) memset(rays->t_base, 0, rays->count * sizeof *rays->t_base);
     }
     df_rays_pad(rays);

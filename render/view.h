@@ -43,8 +43,9 @@ typedef struct df_rays {
 df_status df_rays_alloc(uint32_t count, bool with_base, df_rays *rays, df_error *err);
 void df_rays_free(df_rays *rays);
 
-/* The rays of a rectangle of pixels, row by row. */
-void df_view_rays(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);
+/* The rays of a rectangle of pixels, row by row, made with the kernels of some instruction set. */
+typedef struct df_kernels df_kernels; /* kernels.h */
+void df_view_rays(const df_view *view, const df_kernels *kernels, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);
 
 /* An arbitrary ray, in grid space, as entry `index`: rebased when it starts far away. The direction is scaled so that its largest
  * component is 1; *t_scale is what to multiply a hit's t with to get it in units of the caller's direction. Returns false for a

@@ -265,7 +265,7 @@ static void a_plane_is_hit_exactly_and_its_normal_is_exact(void **unused) {
         hits++;
         const uint32_t voxel[3] = {set.hits[i].cell[0], set.hits[i].cell[1], set.hits[i].cell[2]};
         float stencil[64], gradient[3];
-        df_scene_stencil(&f.scene, voxel, df_scene_block(&f.scene, voxel[0], voxel[1], voxel[2]), true, stencil);
+        df_scene_stencil(&f.scene, voxel, df_scene_block(&f.scene, voxel[0], voxel[1], voxel[2]), true, stencil, 1);
         for (int method = 0; method < DF_GRADIENT_COUNT; method++) {
             df_gradient(method, stencil, set.hits[i].local, gradient);
             for (int a = 0; a < 3; a++) assert_true(fabs((double)gradient[a] - (double[]){0.36, 0.48, 0.8}[a]) < 1e-5);
@@ -341,7 +341,7 @@ static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t t
     df_camera_orbit(&f->field, 40, 25, 1.6, &camera);
     camera.fov_y = 1;
     if (df_view_make(&camera, &f->field, width, height, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options options = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, tile, threads};
+    const df_frame_options options = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, tile, threads, NULL};
     if (df_renderer_open(&f->scene, &options, width, height, &renderer, &err)) fail_msg("%s", err.text);
     const df_picture picture = {width, height, rgb, depth, normals};
     if (df_renderer_frame(renderer, &view, &picture, NULL, &err)) fail_msg("%s", err.text);

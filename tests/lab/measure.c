@@ -150,7 +150,7 @@ typedef void chunk_visit(const lab_run *run, const chunk *c, void *result);
 
 /* Traces all rays of a run; `visit` takes each chunk into its thread's own result, results[thread]. */
 static df_status for_each_chunk(const lab_run *run, chunk_visit *visit, void **results, df_error *err) {
-    const df_trace_options options = {.solve = run->solve, .steps = run->steps, .threads = (uint32_t)omp_get_max_threads(), .tile_rays = CHUNK_RAYS};
+    const df_trace_options options = {.solve = run->solve, .steps = run->steps, .threads = (uint32_t)omp_get_max_threads(), .tile_width = CHUNK_RAYS, .tile_height = 1, .kernels = &df_kernels_scalar};
     const uint64_t chunk_count = (run->count + CHUNK_RAYS - 1) / CHUNK_RAYS;
     void *state;
     df_status status = run->tracer->prepare(run->scene, &options, &state, err);

@@ -8,7 +8,7 @@
 #define DF_TESTS_MEASURE_H
 
 #include "families.h"
-#include "render/tracer.h"
+#include "render/kernels.h"
 #include "surface.h"
 
 /* Values by size in bins of 1/50 decade, from 1e-18 to 1e3; smaller ones count as 0. */

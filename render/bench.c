@@ -1,0 +1,149 @@
+#include "render/bench.h"
+#include "common/memory.h"
+#include "common/version.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int by_value(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void add(df_frame_stats *sum, const df_frame_stats *frame) {
+    sum->rays_cast += frame->rays_cast;
+    sum->rays_entering += frame->rays_entering;
+    sum->rays_hitting += frame->rays_hitting;
+    sum->counters.coarse_steps += frame->counters.coarse_steps;
+    sum->counters.fine_steps += frame->counters.fine_steps;
+    sum->counters.cells_tested += frame->counters.cells_tested;
+    sum->counters.lanes_active += frame->counters.lanes_active;
+    sum->counters.lanes_total += frame->counters.lanes_total;
+    sum->begin_ms += frame->begin_ms;
+    sum->rays_ms += frame->rays_ms;
+    sum->trace_ms += frame->trace_ms;
+    sum->shade_ms += frame->shade_ms;
+}
+
+static df_status frame_view(const df_settings *settings, const df_field *field, double azimuth, df_view *view, df_error *err) {
+    df_settings turned = *settings;
+    df_camera camera;
+    turned.orbit[0] += azimuth;
+    df_status status = df_settings_camera(&turned, field, &camera, err);
+    if (status != DF_OK) return status;
+    return df_view_make(&camera, field, settings->width, settings->height, view, err);
+}
+
+df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *settings, const df_field *field,
+                       const df_picture *picture, df_error *err) {
+    df_view view;
+    if (settings->has_eye || settings->has_look_at || settings->has_up) {
+        return df_fail(err, DF_ERROR_USAGE, "--bench turns the camera itself: only --orbit goes with it");
+    }
+    df_status status = df_alloc((void **)&bench->repeat_ms, bench->repeats, sizeof *bench->repeat_ms, "bench", err);
+    if (status == DF_OK) status = frame_view(settings, field, 0, &view, err);
+    if (status == DF_OK) status = df_devices_frame(devices, &view, picture, NULL, err); /* warms up */
+    for (uint32_t repeat = 0; repeat < bench->repeats && status == DF_OK; repeat++) {
+        double total = 0;
+        memset(&bench->stats, 0, sizeof bench->stats);
+        for (uint32_t i = 0; i < bench->frames && status == DF_OK; i++) {
+            df_frame_stats stats = {0};
+            status = frame_view(settings, field, 360.0 * i / bench->frames, &view, err);
+            if (status == DF_OK) status = df_devices_frame(devices, &view, picture, &stats, err);
+            if (status == DF_OK && repeat + 1 == bench->repeats) {
+                status = df_count_entering(&view, &stats.rays_entering, err);
+                if (status == DF_OK) status = df_devices_count(devices, &view, &stats, err);
+            }
+            total += stats.frame_ms;
+            add(&bench->stats, &stats);
+        }
+        bench->repeat_ms[repeat] = total / bench->frames;
+    }
+    if (status != DF_OK) return status;
+    qsort(bench->repeat_ms, bench->repeats, sizeof *bench->repeat_ms, by_value);
+    return DF_OK;
+}
+
+void df_bench_free(df_bench *bench) {
+    free(bench->repeat_ms);
+    bench->repeat_ms = NULL;
+}
+
+/* The processor's name from /proc/cpuinfo, without commas. */
+static void machine_name(char *name, size_t size) {
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    char line[256];
+    snprintf(name, size, "unknown");
+    if (!file) return;
+    while (fgets(line, sizeof line, file)) {
+        char *value = strchr(line, ':');
+        if (strncmp(line, "model name", 10) != 0 || !value) continue;
+        value[strcspn(value, "\n")] = 0;
+        snprintf(name, size, "%s", value + 2);
+        break;
+    }
+    fclose(file);
+}
+
+/* A CSV field in quotes. */
+static void put_text(FILE *out, const char *text) {
+    fputc('"', out);
+    for (; *text; text++) {
+        if (*text == '"') fputc('"', out);
+        fputc(*text, out);
+    }
+    fputc('"', out);
+}
+
+/* Columns of the report that are figures of one frame: the bench prints means over frames instead. */
+static const char *const columns[] = {
+    "field", "structure", "samples", "tracer", "intersect", "gradient", "isa", "threads", "device", "width", "height", "tile",
+    "rays_cast", "rays_entering", "rays_hitting", "coarse_steps_per_ray", "fine_steps_per_ray", "cells_tested_per_ray",
+    "mean_active_lanes", "precompute_ms", "precompute_bytes", "phase_begin_ms", "phase_rays_ms", "phase_trace_ms", "phase_shade_ms"};
+enum { COLUMN_COUNT = sizeof columns / sizeof columns[0] };
+
+void df_bench_print_header(FILE *out) {
+    for (int i = 0; i < COLUMN_COUNT; i++) fprintf(out, "%s,", columns[i]);
+    fprintf(out, "frames,repeats,frame_ms_min,frame_ms_median,frame_ms_max,ns_per_ray_min,ns_per_ray_median,mrays_per_s,"
+                 "ns_per_hitting_ray,model_bytes,machine,compiler,flags,commit,command\n");
+}
+
+df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *report, df_error *err) {
+    df_report mean = *report;
+    char machine[256];
+    mean.stats = bench->stats;
+    mean.stats.begin_ms /= bench->frames;
+    mean.stats.rays_ms /= bench->frames;
+    mean.stats.trace_ms /= bench->frames;
+    mean.stats.shade_ms /= bench->frames;
+    json_t *json = df_report_json(&mean);
+    if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    for (int i = 0; i < COLUMN_COUNT; i++) {
+        const json_t *value = json_object_get(json, columns[i]);
+        if (json_is_string(value)) put_text(out, json_string_value(value));
+        else if (json_is_integer(value)) fprintf(out, "%" JSON_INTEGER_FORMAT, json_integer_value(value));
+        else fprintf(out, "%.6g", json_real_value(value));
+        fputc(',', out);
+    }
+    json_decref(json);
+    const df_field *field = report->scene->field;
+    const double rays = (double)bench->stats.rays_cast / bench->frames, hits = (double)bench->stats.rays_hitting / bench->frames;
+    const double least = bench->repeat_ms[0], most = bench->repeat_ms[bench->repeats - 1];
+    const double median = 0.5 * (bench->repeat_ms[(bench->repeats - 1) / 2] + bench->repeat_ms[bench->repeats / 2]);
+    const uint64_t model = field->sample_count * df_sample_size(field->sample_type) + report->precompute_bytes;
+    machine_name(machine, sizeof machine);
+    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",", bench->frames, bench->repeats, least, median, most,
+            least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3, hits > 0 ? median * 1e6 / hits : 0.0, model);
+    put_text(out, machine);
+    fputc(',', out);
+    put_text(out, "gcc " __VERSION__);
+    fputc(',', out);
+    put_text(out, DF_BUILD_FLAGS);
+    fputc(',', out);
+    put_text(out, DF_BUILD_COMMIT);
+    fputc(',', out);
+    put_text(out, bench->command);
+    fputc('\n', out);
+    return DF_OK;
+}

@@ -1,0 +1,81 @@
+/*
+ * The inner loops, compiled once for every instruction set from one source each (kernel_*.c over lane.h). All instruction
+ * sets give the same bits; scalar is the specification.
+ */
+#ifndef DF_KERNELS_H
+#define DF_KERNELS_H
+
+#include "render/tracer.h"
+
+/* What is drawn of hits: everything that shading needs besides them. */
+typedef struct df_shade_job {
+    const df_scene *scene;
+    const df_tile *tile;
+    int gradient;
+    const uint8_t *table; /* df_shade_table */
+    uint32_t picture_width;
+    uint8_t *rgb;    /* of the whole picture; NULL: not wanted, as the others */
+    float *depth, *normals;
+} df_shade_job;
+
+/* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. */
+typedef struct df_surface {
+    const uint32_t *first;   /* by block: index of its first record; first[block_count] is the number of records */
+    const uint16_t *bits;    /* by record: bit of the voxel in its block's mask */
+    const float *corners;    /* by record: 8 values minus iso */
+    uint32_t record_count;
+} df_surface;
+
+/* A block as a view sees it: the pixels that it may cover, inclusive, and the least t at which rays can meet it. */
+typedef struct df_block_rect {
+    int32_t x0, y0, x1, y1;
+    float t_near;
+    uint32_t block;
+} df_block_rect;
+
+/* From grid space to a picture: a point at eye + w * (direction through pixel (x,y)) has rows * (point - eye) = (w, w x, w y). */
+typedef struct df_projection {
+    float rows[3][3];
+    float eye[3];
+} df_projection;
+
+/* One tile of an object-order tracer: blocks in, from front to back, the first accepted voxel of each ray out. */
+typedef struct df_splat_job {
+    const df_scene *scene;
+    const df_surface *surface;
+    const df_projection *projection;
+    const df_tile *tile;
+    const df_block_rect *rects; /* all blocks of the view */
+    const uint32_t *order;      /* indices of rects */
+    uint32_t count;
+    int isolate;                /* DF_SOLVE_ISOLATES */
+    float *depth;               /* by ray, INFINITY at first: t of entry into the accepted voxel */
+    uint32_t *record, *block;   /* by ray */
+    uint8_t *flags;             /* by ray, DF_HIT_... */
+} df_splat_job;
+
+struct df_kernels {
+    const char *isa; /* "scalar", "sse4.1", "avx2", "avx512" */
+    uint32_t lanes;
+
+    /* Rays of a near view (rebase = 0): origins, directions and inverses of a rectangle, without padding. */
+    void (*view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);
+
+    /* Solves accepted cells in double and appends them to hits: the last step of every tracer that walks cells. Appends nothing else. */
+    void (*solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays, const df_candidate *candidates,
+                  uint32_t count, df_hits *hits);
+
+    /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
+    void (*splat)(const df_splat_job *job, df_counters *counters);
+
+    /* Gradient, normal, light and depth of hits, written to their pixels. */
+    void (*shade)(const df_shade_job *job, const df_hits *hits);
+};
+
+extern const df_kernels df_kernels_scalar, df_kernels_sse41, df_kernels_avx2, df_kernels_avx512;
+
+/* The kernels of an instruction set by name, or with "auto" the widest that this processor has. DF_ERROR_UNSUPPORTED for one that it
+ * lacks, DF_ERROR_USAGE for an unknown name. */
+df_status df_kernels_select(const char *isa, const df_kernels **out, df_error *err);
+
+#endif

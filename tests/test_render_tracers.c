@@ -1,0 +1,224 @@
+/* Every tracer with every instruction set draws the picture of the scalar 3DDDA, bit for bit. */
+#include "fields.h"
+#include "render/frame.h"
+#include "render/gradient.h"
+#include "render/solve_methods.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static const char *const isas[] = {"scalar", "sse4.1", "avx2", "avx512"};
+
+/* Two tori, one lying and one standing, with a dent: fronts, backs and silhouettes in many bricks. */
+static double rings(const double p[3], const void *context) {
+    const double n = *(const double *)context, x = p[0] - n / 2, y = p[1] - n / 2, z = p[2] - n / 2;
+    double a = sqrt(x * x + z * z) - 0.33 * n, b = sqrt(y * y + (z - 0.1 * n) * (z - 0.1 * n)) - 0.25 * n;
+    double d = fmin(sqrt(a * a + y * y) - 0.11 * n, sqrt(b * b + x * x) - 0.08 * n);
+    return fmax(d, 0.15 * n - sqrt((x - 0.3 * n) * (x - 0.3 * n) + y * y + z * z));
+}
+
+/* The box of half the side: faces, edges and corners on grid planes. */
+static double cube(const double p[3], const void *context) {
+    const double n = *(const double *)context;
+    double d = -1e9;
+    for (int a = 0; a < 3; a++) d = fmax(d, fabs(p[a] - n / 2) - n / 4);
+    return d;
+}
+
+typedef struct picture {
+    uint32_t width, height;
+    uint8_t *rgb;
+    float *depth, *normals;
+} picture;
+
+static picture new_picture(uint32_t width, uint32_t height) {
+    size_t n = (size_t)width * height;
+    return (picture){width, height, malloc(3 * n), malloc(n * sizeof(float)), malloc(3 * n * sizeof(float))};
+}
+
+static void free_picture(picture *p) {
+    free(p->rgb);
+    free(p->depth);
+    free(p->normals);
+}
+
+static void draw(const df_scene *scene, const df_view *view, const df_frame_options *options, picture *p) {
+    df_renderer *renderer;
+    df_error err;
+    if (df_renderer_open(scene, options, p->width, p->height, &renderer, &err)) fail_msg("%s", err.text);
+    const df_picture out = {p->width, p->height, p->rgb, p->depth, p->normals};
+    if (df_renderer_frame(renderer, view, &out, NULL, &err)) fail_msg("%s", err.text);
+    df_renderer_close(renderer);
+}
+
+/* Draws a view with everything that can and compares with the scalar 3DDDA. Returns the number of pixels that hit. */
+static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint32_t width, uint32_t height, uint32_t tile, int solve,
+                            int gradient, const char *name) {
+    df_view view;
+    df_error err;
+    uint32_t hits = 0;
+    picture reference = new_picture(width, height), other = new_picture(width, height);
+    if (df_view_make(camera, scene->field, width, height, &view, &err)) fail_msg("%s", err.text);
+    const df_frame_options plain = {&df_tracer_dda, solve, 0, gradient, 64, 1, NULL};
+    draw(scene, &view, &plain, &reference);
+    for (uint32_t i = 0; i < width * height; i++) hits += isfinite(reference.depth[i]);
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if ((*tracer)->suits && !(*tracer)->suits(scene, &view)) continue;
+        for (int isa = 0; isa < 4; isa++) {
+            df_frame_options options = {*tracer, solve, 0, gradient, tile, 2, NULL};
+            if (df_kernels_select(isas[isa], &options.kernels, &err) != DF_OK) continue;
+            draw(scene, &view, &options, &other);
+            for (uint32_t i = 0; i < width * height; i++) {
+                if (memcmp(&reference.depth[i], &other.depth[i], 4) || memcmp(reference.normals + 3 * i, other.normals + 3 * i, 12) ||
+                    memcmp(reference.rgb + 3 * i, other.rgb + 3 * i, 3)) {
+                    fail_msg("%s: %s, %s, pixel %u,%u: depth %.9g instead of %.9g", name, (*tracer)->name, isas[isa], i % width,
+                             i / width, (double)other.depth[i], (double)reference.depth[i]);
+                }
+            }
+        }
+    }
+    free_picture(&reference);
+    free_picture(&other);
+    return hits;
+}
+
+static void open_scene(df_field *field, df_scene *scene, df_field_kind kind, uint32_t k, double n, test_function function) {
+    const uint32_t count[3] = {(uint32_t)n, (uint32_t)n, (uint32_t)n};
+    const df_scene_options options = {0};
+    df_error err;
+    memset(field, 0, sizeof *field);
+    if (test_field_from_function(field, kind, k, count, function, &n, &err)) fail_msg("%s", err.text);
+    if (df_scene_prepare(field, 0, &options, scene, &err)) fail_msg("%s", err.text);
+}
+
+static void close_scene(df_field *field, df_scene *scene) {
+    df_scene_free(scene);
+    df_field_free(field);
+}
+
+static void tracers_agree_on_pictures(void **unused) {
+    (void)unused;
+    static const struct {
+        df_field_kind kind;
+        uint32_t k;
+    } kinds[] = {{DF_FIELD_BRICKS, 8}, {DF_FIELD_BRICKS, 4}, {DF_FIELD_DENSE, 8}};
+    for (int i = 0; i < 3; i++) {
+        df_field field;
+        df_scene scene;
+        df_camera camera;
+        open_scene(&field, &scene, kinds[i].kind, kinds[i].k, 50 + i, rings);
+        for (int view = 0; view < 6; view++) {
+            char name[64];
+            snprintf(name, sizeof name, "kind %d view %d", i, view);
+            df_camera_orbit(&field, 67.0 * view, 29.0 * view - 70, 0.7 + 0.3 * view, &camera);
+            camera.fov_y = 1;
+            assert_true(compare_all(&scene, &camera, 203, 151, 64, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, name) > 1000);
+        }
+        close_scene(&field, &scene);
+    }
+}
+
+static void tracers_agree_for_every_solve_and_gradient(void **unused) {
+    (void)unused;
+    df_field field;
+    df_scene scene;
+    df_camera camera;
+    open_scene(&field, &scene, DF_FIELD_BRICKS, 8, 40, rings);
+    df_camera_orbit(&field, 30, 40, 1.3, &camera);
+    camera.fov_y = 1;
+    for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
+        compare_all(&scene, &camera, 97, 83, 32, solve, solve % DF_GRADIENT_COUNT, df_solve_names[solve]);
+    }
+    for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
+        compare_all(&scene, &camera, 90, 70, 16, DF_SOLVE_LINEAR, gradient, df_gradient_names[gradient]);
+    }
+    close_scene(&field, &scene);
+}
+
+/* Symmetric views of a box on grid planes: rays through edges and corners of voxels, ties everywhere. */
+static void tracers_agree_where_rays_run_along_the_grid(void **unused) {
+    (void)unused;
+    df_field field;
+    df_scene scene;
+    df_camera camera;
+    open_scene(&field, &scene, DF_FIELD_BRICKS, 8, 48, cube);
+    static const double eyes[][3] = {{24, 24, 100}, {24, 24, -60}, {100, 24, 24}, {84, 24, 84}, {84, 84, 84}, {-40, 24, 88}, {24, 90, 24.5}};
+    for (int i = 0; i < 7; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "eye %d", i);
+        memset(&camera, 0, sizeof camera);
+        for (int a = 0; a < 3; a++) {
+            camera.eye[a] = eyes[i][a];
+            camera.look_at[a] = 24;
+        }
+        camera.up[i == 6 ? 2 : 1] = 1;
+        camera.fov_y = 0.7;
+        assert_true(compare_all(&scene, &camera, 129, 129, 64, DF_SOLVE_ROBUST, DF_GRADIENT_ANALYTIC, name) > 500);
+        assert_true(compare_all(&scene, &camera, 128, 128, 64, DF_SOLVE_ROBUST, DF_GRADIENT_ANALYTIC, name) > 500);
+    }
+    close_scene(&field, &scene);
+}
+
+static void tracers_agree_from_inside_and_afar(void **unused) {
+    (void)unused;
+    df_field field;
+    df_scene scene;
+    open_scene(&field, &scene, DF_FIELD_BRICKS, 8, 48, rings);
+    static const double eyes[][3] = {{24, 24, 24}, {40.3, 24.2, 24.1}, {24, 33, 28}, {0, 0, 0}, {47, 25, 3}, {1e6, 3e5, -2e5}, {48, 24, 24}, {39.5, 24, 24}};
+    for (int i = 0; i < 8; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "eye %d", i);
+        df_camera camera = {.up = {0, 1, 0}, .look_at = {23, 22, 19}, .fov_y = i == 5 ? 5e-5 : 1.7};
+        memcpy(camera.eye, eyes[i], sizeof camera.eye);
+        compare_all(&scene, &camera, 110, 75, 32, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, name);
+    }
+    close_scene(&field, &scene);
+}
+
+static void tracers_agree_at_every_size_of_picture_and_tile(void **unused) {
+    (void)unused;
+    df_field field;
+    df_scene scene;
+    df_camera camera;
+    open_scene(&field, &scene, DF_FIELD_BRICKS, 4, 20, rings);
+    df_camera_orbit(&field, -50, 20, 1, &camera);
+    camera.fov_y = 1;
+    static const uint32_t sizes[][3] = {{1, 1, 64}, {1, 40, 8}, {37, 1, 5}, {33, 65, 32}, {17, 16, 1}, {64, 64, 64}, {100, 100, 500}, {63, 31, 7}};
+    for (int i = 0; i < 8; i++) {
+        compare_all(&scene, &camera, sizes[i][0], sizes[i][1], sizes[i][2], DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, "size");
+    }
+    close_scene(&field, &scene);
+}
+
+static void fields_without_a_surface_or_with_one_voxel_draw(void **unused) {
+    (void)unused;
+    static const double sizes[] = {1, 2, 3, 9};
+    for (int i = 0; i < 4; i++) {
+        df_field field;
+        df_scene scene;
+        df_camera camera;
+        open_scene(&field, &scene, DF_FIELD_BRICKS, 8, sizes[i], cube);
+        df_camera_orbit(&field, 30, 30, 1.5, &camera);
+        camera.fov_y = 1;
+        compare_all(&scene, &camera, 40, 40, 16, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, "small");
+        close_scene(&field, &scene);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tracers_agree_on_pictures),
+        cmocka_unit_test(tracers_agree_for_every_solve_and_gradient),
+        cmocka_unit_test(tracers_agree_where_rays_run_along_the_grid),
+        cmocka_unit_test(tracers_agree_from_inside_and_afar),
+        cmocka_unit_test(tracers_agree_at_every_size_of_picture_and_tile),
+        cmocka_unit_test(fields_without_a_surface_or_with_one_voxel_draw),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
