@@ -8,6 +8,8 @@
 #include <string.h>
 #include <sys/mman.h>
 
+enum { PARALLEL_SAMPLES = 100000 }; /* below that, threads cost more than they gain */
+
 void df_field_free(df_field *field) {
     for (uint32_t i = 0; i < field->block_count; i++) free(field->blocks[i]);
     if (field->mapping) munmap(field->mapping, field->mapping_size);
@@ -251,7 +253,7 @@ uint64_t df_field_surface_voxel_count(const df_field *field) {
         for (uint64_t i = 0; i < words; i++) count += (uint64_t)__builtin_popcountll(field->brick_masks[i]);
         return count;
     }
-#pragma omp parallel for reduction(+ : count)
+#pragma omp parallel for reduction(+ : count) if (df_dense_sample_count(field->voxel_count) > PARALLEL_SAMPLES)
     for (uint32_t z = 0; z < field->voxel_count[2]; z++) {
         for (uint32_t y = 0; y < field->voxel_count[1]; y++) {
             for (uint32_t x = 0; x < field->voxel_count[0]; x++) {
@@ -355,7 +357,7 @@ static df_status finish_dense(df_field *field, const char *name, df_error *err) 
     float low = INFINITY, high = -INFINITY;
     uint64_t bad = 0;
     field->sample_count = df_dense_sample_count(field->voxel_count);
-#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad)
+#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad) if (field->sample_count > PARALLEL_SAMPLES)
     for (uint32_t z = 0; z <= field->voxel_count[2]; z++) {
         float range[2];
         if (!sample_range(field, z * slice, slice, field->step_exponent, range)) bad++;
@@ -459,7 +461,7 @@ static df_status finish_bricks(df_field *field, const char *name, df_error *err)
     float low = INFINITY, high = -INFINITY;
     uint64_t bad = 0;
     uint32_t per_brick = df_brick_sample_count(k);
-#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad)
+#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad) if (field->sample_count > PARALLEL_SAMPLES)
     for (uint32_t b = 0; b < field->brick_count; b++) {
         if (!sample_range(field, (uint64_t)b * per_brick, per_brick, brick_exponent(field, b), ranges + 2 * (uint64_t)b)) bad++;
         low = ranges[2 * (uint64_t)b] < low ? ranges[2 * (uint64_t)b] : low;
@@ -515,7 +517,7 @@ static df_status finish_adf(df_field *field, const char *name, df_error *err) {
     if (status != DF_OK) return status;
     float low = INFINITY, high = -INFINITY;
     uint64_t bad = 0, wrong = 0;
-#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad, wrong)
+#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad, wrong) if (field->sample_count > PARALLEL_SAMPLES)
     for (uint32_t f = 0; f < field->family_count; f++) {
         float range[2], corners[8];
         if (!sample_range(field, (uint64_t)f * DF_FAMILY_SAMPLE_COUNT, DF_FAMILY_SAMPLE_COUNT, brick_exponent(field, f), range)) bad++;

@@ -196,7 +196,7 @@ static df_status verify_body(const source *file, bool mapped, df_error *err) {
     }
     uint64_t damaged = UINT64_MAX;
     df_status status = DF_OK;
-#pragma omp parallel for schedule(dynamic) reduction(min : damaged)
+#pragma omp parallel for schedule(dynamic) reduction(min : damaged) if (block_count > 2)
     for (uint64_t block = 0; block < block_count; block++) {
         uint64_t offset = begin + block * DF_FILE_CRC_BLOCK;
         uint64_t part = crcs->offset - offset < DF_FILE_CRC_BLOCK ? crcs->offset - offset : DF_FILE_CRC_BLOCK;
