@@ -505,7 +505,7 @@ static void t39_a_world_offset_is_subtracted_in_double(void **unused) {
         df_camera_orbit(&field, 30, 20, 1.6, &camera);
         camera.fov_y = 1;
         assert_int_equal(df_view_make(&camera, &field, 64, 64, &view, NULL), DF_OK);
-        df_view_rays(&view, 20, 31, 64, 1, &rays);
+        df_view_rays(&view, &df_kernels_scalar, 20, 31, 64, 1, &rays);
         if (i == 0) reference = rays.direction[0][20] / rays.direction[1][20];
         assert_true(fabsf(rays.direction[0][20] / rays.direction[1][20] / reference - 1) < 1e-4f);
         for (int a = 0; a < 3; a++) assert_true(fabs((double)rays.origin[a][0] - view.eye[a]) < 1e-5);
