@@ -2,7 +2,6 @@
 
 #include "common/memory.h"
 #include "common/progress.h"
-#include "convert/winding.h"
 
 #include <assert.h>
 #include <math.h>
@@ -22,6 +21,8 @@ typedef struct builder {
     uint32_t side;          /* samples along a brick: k + 1 */
     size_t brick_samples;   /* side^3 */
     float *samples;         /* bricks: by brick; dense: all */
+    uint8_t *is_signed;     /* while bricks are added at holes: by brick, 1 where its signs are known; NULL before */
+    uint64_t negative;      /* samples with a winding number below 0: a body may be inside out */
     df_progress progress;
 } builder;
 
@@ -140,7 +141,8 @@ static void complete_brick(const builder *b, uint32_t brick) {
     }
 }
 
-static df_status fill_bricks(builder *b, df_error *err) {
+/* Fills all bricks; those that `old` has already, with samples in old_samples, are copied. */
+static df_status fill_bricks(builder *b, const df_cells *old, const float *old_samples, df_error *err) {
     const df_lattice *l = b->lattice;
     double bytes = (double)b->cells.brick_count * (double)b->brick_samples * sizeof(float) * 1.1;
     df_status status = df_build_check_memory(b->input->name, bytes, longest_side(l), 2, err);
@@ -151,80 +153,232 @@ static df_status fill_bricks(builder *b, df_error *err) {
     df_progress_begin(&b->progress, "distances", b->cells.brick_count, b->input->quiet);
 #pragma omp parallel for schedule(dynamic, 16)
     for (uint32_t i = 0; i < b->cells.brick_count; i++) {
-        fill_brick(b, i);
+        uint32_t from = old ? old->bricks[b->cells.indices[i]] : DF_NO_BRICK;
+        if (from == DF_NO_BRICK) fill_brick(b, i);
+        else memcpy(b->samples + i * b->brick_samples, old_samples + from * b->brick_samples, b->brick_samples * sizeof(float));
+        if (old) b->is_signed[i] = from != DF_NO_BRICK;
         df_progress_add(&b->progress, 1);
     }
     df_progress_end(&b->progress);
 #pragma omp parallel for schedule(static, 256)
-    for (uint32_t i = 0; i < b->cells.brick_count; i++) complete_brick(b, i);
+    for (uint32_t i = 0; i < b->cells.brick_count; i++) {
+        if (!old || !b->is_signed[i]) complete_brick(b, i);
+    }
     return DF_OK;
 }
 
-/* Turns the samples of one row negative where the winding number is 1 or more; zero stays +0. */
-static void sign_row(float *row, const int32_t *winding, uint32_t count) {
-    for (uint32_t i = 0; i < count; i++) {
-        if (winding[i] >= 1 && row[i] != 0) row[i] = -row[i];
-    }
+/* What a cell without a brick holds. */
+static uint32_t token(bool inside) { return inside ? DF_CELL_INSIDE : DF_CELL_OUTSIDE; }
+
+static uint32_t count_negative(const int32_t *windings, uint32_t count) {
+    uint32_t negative = 0;
+    for (uint32_t i = 0; i < count; i++) negative += windings[i] < 0;
+    return negative;
 }
 
-/* The token of a cell without a brick whose first sample has a winding number. */
-static uint32_t token(int32_t winding) { return winding >= 1 ? DF_CELL_INSIDE : DF_CELL_OUTSIDE; }
+/* The rule for the samples of a coarse cell. */
+static void rule_of_cell(const builder *b, const uint32_t cell[3], uint32_t *active, df_sign_rule *rule) {
+    double centre[3], k = b->lattice->brick_size, size = b->lattice->voxel_size;
+    for (int a = 0; a < 3; a++) centre[a] = b->lattice->origin[a] + (cell[a] + 0.5) * k * size;
+    df_sign_make_rule(b->input->sign, centre, k * size * 0.8660254037844387 * 1.000001, active, rule);
+}
 
-/* Signs of the bricks in one layer of cells, and tokens of the cells without: `tokens` by coarse cell. */
-static void sign_layer(const builder *b, const df_winding_slab *slab, uint32_t layer, uint32_t *tokens) {
+static uint32_t sign_brick(const builder *b, const df_winding_slab *slab, const uint32_t cell[3], uint32_t brick, uint32_t *active) {
     const df_lattice *l = b->lattice;
-    uint32_t k = l->brick_size;
-    int32_t winding[SIDE_MAX];
-    for (uint32_t cy = 0; cy < l->cell_count[1]; cy++) {
-        for (uint32_t cx = 0; cx < l->cell_count[0]; cx++) {
-            size_t cell = cx + l->cell_count[0] * (cy + (size_t)l->cell_count[1] * layer);
-            uint32_t brick = b->cells.bricks[cell];
-            if (brick == DF_NO_BRICK) {
-                df_winding_row(slab, cy * k, layer * k, cx * k, 1, winding);
-                tokens[cell] = token(winding[0]);
-                continue;
+    uint32_t k = l->brick_size, count = 0;
+    int32_t windings[BRICK_SAMPLES_MAX];
+    double points[BRICK_SAMPLES_MAX][3];
+    df_sign_rule rule;
+    rule_of_cell(b, cell, active, &rule);
+    for (uint32_t z = 0; z <= k; z++) {
+        for (uint32_t y = 0; y <= k; y++) {
+            uint32_t j = cell[1] * k + y, i = cell[2] * k + z;
+            j = j < l->voxel_count[1] ? j : l->voxel_count[1];
+            i = i < l->voxel_count[2] ? i : l->voxel_count[2];
+            df_winding_row(slab, j, i, cell[0] * k, k + 1, windings + count);
+            for (uint32_t x = 0; rule.active_count && x <= k; x++) {
+                uint32_t h = cell[0] * k + x;
+                points[count + x][0] = df_lattice_at(l, 0, h < l->voxel_count[0] ? h : l->voxel_count[0]);
+                points[count + x][1] = df_lattice_at(l, 1, j);
+                points[count + x][2] = df_lattice_at(l, 2, i);
             }
-            for (uint32_t z = 0; z <= k; z++) {
-                for (uint32_t y = 0; y <= k; y++) {
-                    uint32_t j = cy * k + y, i = layer * k + z;
-                    if (j > l->voxel_count[1]) j = l->voxel_count[1];
-                    if (i > l->voxel_count[2]) i = l->voxel_count[2];
-                    df_winding_row(slab, j, i, cx * k, k + 1, winding);
-                    sign_row(b->samples + brick * b->brick_samples + (size_t)b->side * (y + (size_t)b->side * z), winding, k + 1);
-                }
-            }
+            count += k + 1;
         }
     }
+    df_sign_apply(&rule, windings, (const double(*)[3])points, count, b->samples + brick * b->brick_samples);
+    return count_negative(windings, count);
+}
+
+/* Signs of the bricks in one layer of cells, and tokens of the cells without: `tokens` by coarse cell. Cells that follow each other without a
+ * brick between lie on one side. Returns the number of samples with a winding number below 0. */
+static uint64_t sign_layer(const builder *b, const df_winding_slab *slab, uint32_t layer, uint32_t *tokens, uint32_t *active) {
+    const df_lattice *l = b->lattice;
+    uint32_t k = l->brick_size;
+    uint64_t negative = 0;
+    for (uint32_t cy = 0; cy < l->cell_count[1]; cy++) {
+        uint32_t last = DF_NO_BRICK;
+        for (uint32_t cx = 0; cx < l->cell_count[0]; cx++) {
+            uint32_t cell[3] = {cx, cy, layer};
+            size_t index = cx + l->cell_count[0] * (cy + (size_t)l->cell_count[1] * layer);
+            uint32_t brick = b->cells.bricks[index];
+            if (brick != DF_NO_BRICK) {
+                if (!b->is_signed || !b->is_signed[brick]) negative += sign_brick(b, slab, cell, brick, active);
+            } else if (b->is_signed) {
+                continue; /* known from the first round */
+            } else if (cx > 0 && last == DF_NO_BRICK) {
+                tokens[index] = tokens[index - 1];
+            } else {
+                df_sign_rule rule;
+                int32_t winding;
+                double p[1][3];
+                for (int a = 0; a < 3; a++) p[0][a] = df_lattice_at(l, a, cell[a] * k);
+                df_winding_row(slab, cy * k, layer * k, cx * k, 1, &winding);
+                df_sign_make_rule(b->input->sign, p[0], 0, active, &rule);
+                float side = 1;
+                df_sign_apply(&rule, &winding, (const double(*)[3])p, 1, &side);
+                tokens[index] = token(side < 0);
+                negative += winding < 0;
+            }
+            last = brick;
+        }
+    }
+    return negative;
 }
 
 /* Runs over the layers of cells with the winding numbers of their rows. */
 static df_status sign_by_winding(builder *b, uint32_t *tokens, df_error *err) {
     const df_lattice *l = b->lattice;
+    const df_sign *sign = b->input->sign;
     df_face_slabs faces;
-    df_status status = df_face_slabs_make(b->input->mesh, l, l->brick_size, &faces, err);
+    uint64_t negative = 0;
+    df_status status = df_face_slabs_make(sign->mesh, l, l->brick_size, &faces, err);
     if (status != DF_OK) goto done;
-#pragma omp parallel
+#pragma omp parallel reduction(+ : negative)
     {
         df_winding_slab slab = {0};
         df_error slab_err;
+        uint32_t *active = malloc((sign->made.cap_count + 1) * sizeof *active);
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t layer = 0; layer < l->cell_count[2]; layer++) {
             uint32_t z = layer * l->brick_size, end = z + l->brick_size;
             if (end > l->voxel_count[2]) end = l->voxel_count[2];
-            df_status s = df_winding_slab_find(&slab, b->input->mesh, faces.faces + faces.starts[layer],
-                                               faces.starts[layer + 1] - faces.starts[layer], l, z, end - z + 1, &slab_err);
+            df_status s = active ? df_winding_slab_find(&slab, sign->mesh, faces.faces + faces.starts[layer],
+                                                        faces.starts[layer + 1] - faces.starts[layer], l, z, end - z + 1, &slab_err)
+                                 : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
             if (s == DF_OK) {
-                sign_layer(b, &slab, layer, tokens);
+                negative += sign_layer(b, &slab, layer, tokens, active);
             } else {
 #pragma omp critical
                 status = df_fail(err, s, "%s", slab_err.text);
             }
         }
+        free(active);
         df_winding_slab_free(&slab);
     }
+    b->negative = negative;
 done:
     df_face_slabs_free(&faces);
     return status;
+}
+
+/* The same, and again on an oriented mesh where winding numbers below 0 show that a body may be inside out. */
+static df_status sign_bricks(builder *b, uint32_t *tokens, df_error *err) {
+    df_sign *sign = b->input->sign;
+    df_status status = sign_by_winding(b, tokens, err);
+    bool settled = b->negative == 0 || sign->mesh != b->input->mesh || sign->method == DF_SIGN_PARITY;
+    if (status != DF_OK || settled) return status;
+    status = df_sign_orient(sign, b->input->mesh, err);
+    return status == DF_OK && sign->made.inverted_components ? sign_by_winding(b, tokens, err) : status;
+}
+
+/* True where a sample on the face of a brick towards direction `to` (0 to 5: -x, +x, -y, ...) lies on the other side than `inside`. */
+static bool face_differs(const builder *b, uint32_t brick, int to, bool inside) {
+    const float *samples = b->samples + brick * b->brick_samples;
+    size_t side = b->side, steps[3] = {1, side, side * side};
+    size_t u = steps[(to / 2 + 1) % 3], v = steps[(to / 2 + 2) % 3], first = (to & 1) * (side - 1) * steps[to / 2];
+    for (size_t j = 0; j < side; j++) {
+        for (size_t i = 0; i < side; i++) {
+            if ((samples[first + i * u + j * v] < 0) != inside) return true;
+        }
+    }
+    return false;
+}
+
+/* Adds the cells without a brick that the sign does not leave whole: a neighbour's samples on the common face say otherwise. That happens only where the
+ * sign changes without a surface, at holes. Returns DF_OK with *grown = false when there are none. */
+static df_status grow_cells(builder *b, const uint32_t *tokens, bool *grown, df_error *err) {
+    df_cells more;
+    *grown = false;
+    df_status status = df_cells_copy(&b->cells, b->lattice, &more, err);
+    if (status != DF_OK) return status;
+    for (uint32_t brick = 0; brick < b->cells.brick_count; brick++) {
+        uint32_t cell[3];
+        df_cell_position(b->lattice, b->cells.indices[brick], cell);
+        for (int to = 0; to < 6; to++) {
+            int64_t at[3] = {cell[0], cell[1], cell[2]};
+            at[to / 2] += to & 1 ? 1 : -1;
+            if (at[to / 2] < 0 || at[to / 2] >= b->lattice->cell_count[to / 2]) continue;
+            size_t index = (size_t)at[0] + b->lattice->cell_count[0] * ((size_t)at[1] + b->lattice->cell_count[1] * (size_t)at[2]);
+            if (b->cells.bricks[index] != DF_NO_BRICK || !face_differs(b, brick, to, tokens[index] == DF_CELL_INSIDE)) continue;
+            more.bricks[index] = 0;
+            *grown = true;
+        }
+    }
+    if (!*grown) {
+        df_cells_free(&more);
+        return DF_OK;
+    }
+    status = df_cells_renumber(b->lattice, &more, err);
+    free(b->is_signed);
+    b->is_signed = NULL;
+    if (status == DF_OK) status = df_alloc((void **)&b->is_signed, more.brick_count, 1, "bricks", err);
+    float *old_samples = b->samples;
+    df_cells old = b->cells;
+    b->samples = NULL;
+    b->cells = more;
+    if (status == DF_OK) status = fill_bricks(b, &old, old_samples, err);
+    free(old_samples);
+    df_cells_free(&old);
+    return status;
+}
+
+/* Signs the bricks; at holes, where the sign changes away from the faces, adds bricks until the change is stored. */
+#define GROWTH_MAX 64
+static df_status sign_and_grow(builder *b, uint32_t *tokens, df_error *err) {
+    bool grown = true;
+    df_status status = DF_OK;
+    for (int round = 0; status == DF_OK && grown && round < GROWTH_MAX; round++) {
+        status = sign_bricks(b, tokens, err);
+        grown = false;
+        if (status == DF_OK && b->input->sign->made.cap_count) status = grow_cells(b, tokens, &grown, err);
+    }
+    return status == DF_OK && grown ? sign_bricks(b, tokens, err) : status;
+}
+
+/* Counts the pairs of neighbours along an axis whose signs differ although no surface can lie between them. */
+static void count_walls(const builder *b, df_build_report *report) {
+    uint64_t count = 0, first = UINT64_MAX;
+    float limit = (float)(b->lattice->voxel_size * (1 + 1e-6));
+    uint32_t k = b->lattice->brick_size, steps[3] = {1, b->side, b->side * b->side};
+#pragma omp parallel for schedule(static, 256) reduction(+ : count) reduction(min : first)
+    for (uint32_t brick = 0; brick < b->cells.brick_count; brick++) {
+        const float *samples = b->samples + brick * b->brick_samples;
+        for (uint32_t i = 0; i < k * k * k; i++) {
+            const float *s = samples + i % k + steps[1] * (i / k % k) + steps[2] * (i / k / k);
+            for (int a = 0; a < 3; a++) {
+                float next = s[steps[a]];
+                if ((s[0] < 0) == (next < 0) || !(fabsf(s[0]) + fabsf(next) > limit)) continue;
+                count++;
+                uint64_t at = (uint64_t)brick * k * k * k + i;
+                first = at < first ? at : first;
+            }
+        }
+    }
+    report->wall_count = count;
+    if (count == 0) return;
+    uint32_t cell[3], i = (uint32_t)(first % (k * k * k)), local[3] = {i % k, i / k % k, i / k / k};
+    df_cell_position(b->lattice, b->cells.indices[first / (k * k * k)], cell);
+    for (int a = 0; a < 3; a++) report->wall_place[a] = df_lattice_at(b->lattice, a, cell[a] * k + local[a]);
 }
 
 /* Tokens where the source itself knows the side: the sign at the first sample of the cell. */
@@ -357,7 +511,8 @@ static df_status find_cells(builder *b, df_error *err) {
     double bytes = (double)df_lattice_cell_total(b->lattice) * 2 * sizeof(uint32_t);
     df_status status = df_build_check_memory(in->name, bytes, longest_side(b->lattice), 3, err);
     if (status != DF_OK) return status;
-    if (in->mesh) return df_cells_find(in->mesh, b->lattice, DF_CELL_REACH, &b->cells, err);
+    /* where the mesh has holes, the cells that their fans pass are needed as well */
+    if (in->mesh) return df_cells_find(in->sign ? in->sign->mesh : in->mesh, b->lattice, DF_CELL_REACH, &b->cells, err);
     return df_cells_select(b->lattice, in->keep, in->keep_context, &b->cells, err);
 }
 
@@ -368,14 +523,15 @@ static df_status build_bricks(builder *b, df_field *field, df_build_report *repo
     if (status != DF_OK) goto done;
     report->cells_computed = b->cells.brick_count;
     double cells = df_now_ms();
-    status = fill_bricks(b, err);
+    status = fill_bricks(b, NULL, NULL, err);
     if (status != DF_OK) goto done;
     double filled = df_now_ms();
     status = df_alloc_raw((void **)&tokens, df_lattice_cell_total(b->lattice), sizeof *tokens, "coarse cells", err);
     if (status != DF_OK) goto done;
     if (b->input->source->is_signed) tokens_from_source(b, tokens);
-    else status = sign_by_winding(b, tokens, err);
+    else status = sign_and_grow(b, tokens, err);
     if (status != DF_OK) goto done;
+    if (!b->input->source->is_signed) count_walls(b, report);
     double with_signs = df_now_ms();
     status = store_bricks(b, tokens, field, report, err);
     report->samples_computed = (uint64_t)b->cells.brick_count * b->brick_samples;
@@ -410,42 +566,77 @@ static void fill_block(const builder *b, uint32_t index) {
     }
 }
 
-static df_status sign_dense(const builder *b, df_error *err) {
+/* Signs the samples of layers z to end of a dense field; rules are made for blocks of k samples along x. */
+static uint64_t sign_dense_layers(const builder *b, const df_winding_slab *slab, uint32_t z, uint32_t end, int32_t *winding, uint32_t *active) {
     const df_lattice *l = b->lattice;
     size_t row = (size_t)l->voxel_count[0] + 1, layer = row * ((size_t)l->voxel_count[1] + 1);
+    uint32_t k = l->brick_size;
+    uint64_t negative = 0;
+    df_sign_rule rule;
+    for (uint32_t j = 0; j <= l->voxel_count[1]; j += k) {
+        for (uint32_t i = 0; i <= l->voxel_count[0]; i += k) {
+            uint32_t cell[3] = {i / k, j / k, z / k}, width = i + k <= row ? k : (uint32_t)row - i;
+            rule_of_cell(b, cell, active, &rule);
+            for (uint32_t y = j; y < j + k && y <= l->voxel_count[1]; y++) {
+                for (uint32_t zz = z; zz <= end; zz++) {
+                    double points[SIDE_MAX][3];
+                    for (uint32_t x = 0; x < width; x++) {
+                        points[x][0] = df_lattice_at(l, 0, i + x);
+                        points[x][1] = df_lattice_at(l, 1, y);
+                        points[x][2] = df_lattice_at(l, 2, zz);
+                    }
+                    df_winding_row(slab, y, zz, i, width, winding);
+                    df_sign_apply(&rule, winding, (const double(*)[3])points, width, b->samples + i + row * y + layer * zz);
+                    negative += count_negative(winding, width);
+                }
+            }
+        }
+    }
+    return negative;
+}
+
+static df_status sign_dense_once(builder *b, df_error *err) {
+    const df_lattice *l = b->lattice;
+    const df_sign *sign = b->input->sign;
     df_face_slabs faces;
-    df_status status = df_face_slabs_make(b->input->mesh, l, l->brick_size, &faces, err);
+    uint64_t negative = 0;
+    df_status status = df_face_slabs_make(sign->mesh, l, l->brick_size, &faces, err);
     if (status != DF_OK) goto done;
-#pragma omp parallel
+#pragma omp parallel reduction(+ : negative)
     {
         df_winding_slab slab = {0};
         df_error slab_err;
-        int32_t *winding = malloc(row * sizeof *winding);
+        int32_t winding[SIDE_MAX];
+        uint32_t *active = malloc((sign->made.cap_count + 1) * sizeof *active);
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t s = 0; s < faces.slab_count; s++) {
             uint32_t z = s * l->brick_size, end = z + l->brick_size - 1;
             if (end > l->voxel_count[2]) end = l->voxel_count[2];
-            df_status found = winding ? df_winding_slab_find(&slab, b->input->mesh, faces.faces + faces.starts[s],
-                                                             faces.starts[s + 1] - faces.starts[s], l, z, end - z + 1, &slab_err)
-                                      : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
-            if (found != DF_OK) {
+            df_status found = active ? df_winding_slab_find(&slab, sign->mesh, faces.faces + faces.starts[s],
+                                                            faces.starts[s + 1] - faces.starts[s], l, z, end - z + 1, &slab_err)
+                                     : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
+            if (found == DF_OK) {
+                negative += sign_dense_layers(b, &slab, z, end, winding, active);
+            } else {
 #pragma omp critical
                 status = df_fail(err, found, "%s", slab_err.text);
-                continue;
-            }
-            for (uint32_t k = z; k <= end; k++) {
-                for (uint32_t j = 0; j <= l->voxel_count[1]; j++) {
-                    df_winding_row(&slab, j, k, 0, (uint32_t)row, winding);
-                    sign_row(b->samples + row * j + layer * k, winding, (uint32_t)row);
-                }
             }
         }
-        free(winding);
+        free(active);
         df_winding_slab_free(&slab);
     }
+    b->negative = negative;
 done:
     df_face_slabs_free(&faces);
     return status;
+}
+
+static df_status sign_dense(builder *b, df_error *err) {
+    df_sign *sign = b->input->sign;
+    df_status status = sign_dense_once(b, err);
+    if (status != DF_OK || b->negative == 0 || sign->mesh != b->input->mesh || sign->method == DF_SIGN_PARITY) return status;
+    status = df_sign_orient(sign, b->input->mesh, err);
+    return status == DF_OK && sign->made.inverted_components ? sign_dense_once(b, err) : status;
 }
 
 static df_status build_dense(builder *b, df_field *field, df_build_report *report, df_error *err) {
@@ -487,5 +678,6 @@ df_status df_build(const df_build_input *input, df_field *field, df_build_report
     if (status != DF_OK) df_field_free(field);
     df_cells_free(&b.cells);
     free(b.samples);
+    free(b.is_signed);
     return status;
 }

@@ -5,6 +5,7 @@
 #include "common/field.h"
 #include "convert/cells.h"
 #include "convert/distance.h"
+#include "convert/sign.h"
 
 /* What a field is made of. */
 typedef struct df_build_input {
@@ -12,7 +13,9 @@ typedef struct df_build_input {
     df_field_kind kind;          /* DF_FIELD_DENSE or DF_FIELD_BRICKS */
     const df_lattice *lattice;
     const df_distance_source *source;
-    const df_mesh *mesh;         /* gives the sign where the source has none, and the cells; NULL for a signed source without mesh */
+    const df_mesh *mesh;         /* gives the cells; NULL for a signed source without mesh */
+    df_sign *sign;               /* gives the sign where the source has none; sign->mesh may be `mesh`, and is replaced by an
+                                    oriented one where a body turns out to be inside out */
     bool (*keep)(const void *context, const uint32_t cell[3]); /* without a mesh: the cells to compute; see df_cells_select */
     const void *keep_context;
     bool quiet;                  /* no progress bar */
@@ -21,6 +24,8 @@ typedef struct df_build_input {
 typedef struct df_build_report {
     uint64_t samples_computed;
     uint32_t cells_computed; /* bricks before those that the surface does not need were dropped */
+    uint64_t wall_count;     /* neighbouring samples of opposite sign further apart than their distances allow: no surface lies between */
+    double wall_place[3];    /* the first of them, world units */
     uint64_t lost_features;  /* coarse cells that a face crosses without a change of sign; 0 for dense fields */
     double cells_ms, distance_ms, sign_ms, structure_ms;
 } df_build_report;

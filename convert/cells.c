@@ -6,6 +6,7 @@
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A box of coarse cells: low[a] <= c < high[a]. */
 typedef struct cell_box {
@@ -146,6 +147,18 @@ df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *co
         df_cell_position(lattice, i, cell);
         cells->bricks[i] = keep(context, cell);
     }
+    return number_cells(lattice, cells, err);
+}
+
+df_status df_cells_copy(const df_cells *cells, const df_lattice *lattice, df_cells *copy, df_error *err) {
+    df_status status = make_marks(lattice, copy, err);
+    if (status == DF_OK) memcpy(copy->bricks, cells->bricks, df_lattice_cell_total(lattice) * sizeof *copy->bricks);
+    return status;
+}
+
+df_status df_cells_renumber(const df_lattice *lattice, df_cells *cells, df_error *err) {
+    uint64_t total = df_lattice_cell_total(lattice);
+    for (uint64_t i = 0; i < total; i++) cells->bricks[i] = cells->bricks[i] != DF_NO_BRICK;
     return number_cells(lattice, cells, err);
 }
 

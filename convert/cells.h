@@ -30,6 +30,10 @@ df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double r
 df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]), const void *context,
                           df_cells *cells, df_error *err);
 
+/* A copy of which cells have bricks, without indices: set bricks[cell] to anything but DF_NO_BRICK to add a cell, then renumber. */
+df_status df_cells_copy(const df_cells *cells, const df_lattice *lattice, df_cells *copy, df_error *err);
+df_status df_cells_renumber(const df_lattice *lattice, df_cells *cells, df_error *err);
+
 void df_cells_free(df_cells *cells);
 
 /* The coordinates of a cell. */

@@ -24,6 +24,7 @@ const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 1
 
 typedef enum distance_method { DISTANCE_EXACT, DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
 static const char *const distance_names[] = {"exact", "cgal", "openvdb", NULL};
+static const char *const sign_names[] = {"auto", "winding", "parity", NULL};
 static const char *const structure_names[] = {"bricks", "dense", NULL};
 
 /* What the command line asks for. */
@@ -36,12 +37,14 @@ typedef struct request {
     df_field_kind structure;
     uint32_t brick_size;
     uint32_t distance;       /* distance_method */
+    uint32_t sign;           /* df_sign_method */
+    bool strict;             /* uncertain signs are a failure */
     uint32_t threads;        /* 0: as OpenMP chooses */
     bool json, quiet;
     df_error *err;
 } request;
 
-enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_THREADS, KEY_JSON };
+enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_THREADS, KEY_JSON };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
@@ -54,10 +57,15 @@ static const struct argp_option options[] = {
     {"padding", KEY_PADDING, "N", 0, "voxels left free around the surface on each side (default 3)", 2},
     {"distance", KEY_DISTANCE, "NAME", 0,
      "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate", 2},
-    {0, 0, 0, 0, "Running", 3},
-    {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 3},
-    {"json", KEY_JSON, 0, 0, "report as one JSON object on stdout", 3},
-    {"quiet", 'q', 0, 0, "no report, no progress", 3},
+    {0, 0, 0, 0, "Inside and outside", 3},
+    {"sign", KEY_SIGN, "NAME", 0,
+     "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes (default); parity: where a ray "
+     "crosses it an odd number of times", 3},
+    {"strict", KEY_STRICT, 0, 0, "fail where the signs are uncertain", 3},
+    {0, 0, 0, 0, "Running", 4},
+    {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 4},
+    {"json", KEY_JSON, 0, 0, "report as one JSON object on stdout", 4},
+    {"quiet", 'q', 0, 0, "no report, no progress", 4},
     {0},
 };
 
@@ -81,6 +89,7 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_VOXEL_SIZE: return df_parse_double("--voxel-size", arg, 1e-30, 1e30, &r->voxel_size, r->err);
     case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
     case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
+    case KEY_SIGN: return df_parse_name("--sign", arg, sign_names, &r->sign, r->err);
     case KEY_THREADS: return df_parse_u32("--threads", arg, 1, 4096, &r->threads, r->err);
     case KEY_STRUCTURE:
         status = df_parse_name("--structure", arg, structure_names, &index, r->err);
@@ -102,6 +111,7 @@ static error_t parse_option(int key, char *arg, struct argp_state *state) {
     case 'o': r->output = arg; break;
     case 'q': r->quiet = true; break;
     case KEY_JSON: r->json = true; break;
+    case KEY_STRICT: r->strict = true; break;
     case ARGP_KEY_ARG:
         if (r->input) argp_error(state, "more than one input: %s, %s", r->input, arg);
         r->input = arg;
@@ -131,19 +141,9 @@ static df_status check_request(const request *r, df_error *err) {
 typedef struct surface {
     df_shape shape;
     df_mesh mesh;
+    df_sign sign;
     double low[3], high[3];
 } surface;
-
-/* The mesh must bound a volume: a winding number that is a whole number everywhere. */
-static df_status check_closed(const char *name, const df_mesh_edges *edges, df_error *err) {
-    if (edges->border_count == 0) return DF_OK;
-    if (edges->boundary) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: the mesh is open (%u boundary edges), so inside and outside are not defined; "
-                       "close its holes first", name, edges->boundary);
-    }
-    return df_fail(err, DF_ERROR_INPUT, "%s: the faces are not oriented alike (%u edges), so inside and outside are not defined; "
-                   "orient them first", name, edges->border_count);
-}
 
 static df_status read_surface(const request *r, surface *s, df_convert_report *report, df_error *err) {
     report->is_shape = df_shape_is_name(r->input);
@@ -165,13 +165,16 @@ static df_status read_surface(const request *r, surface *s, df_convert_report *r
     report->read_ms = read - start;
     report->clean_ms = df_now_ms() - read;
     df_mesh_bounds(&s->mesh, s->low, s->high);
-    return check_closed(r->input, &report->edges, err);
+    s->sign = (df_sign){.method = (df_sign_method)r->sign, .mesh = &s->mesh};
+    /* a mesh that is closed and oriented alike decides as it is; whether a body is inside out shows later */
+    bool decides = report->edges.border_count == 0 || r->sign == DF_SIGN_PARITY;
+    return decides || r->distance == DISTANCE_OPENVDB ? DF_OK : df_sign_orient(&s->sign, &s->mesh, err);
 }
 
 static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_distance_source *source,
                              df_convert_report *report, df_error *err) {
     report->distance = report->is_shape ? "shape" : distance_names[r->distance];
-    report->sign_method = report->is_shape ? "shape" : r->distance == DISTANCE_OPENVDB ? "openvdb" : "winding";
+    report->sign_method = report->is_shape ? "shape" : r->distance == DISTANCE_OPENVDB ? "openvdb" : r->sign == DF_SIGN_PARITY ? "parity" : "winding";
     if (report->is_shape) {
         df_distance_shape(&s->shape, source);
         return DF_OK;
@@ -215,14 +218,39 @@ static json_t *json_options(const request *r) {
     return o;
 }
 
+/* What the signs are worth; report->sign_reason says why. */
+static df_verdict judge_signs(const request *r, const surface *s, df_convert_report *report) {
+    const df_sign_mesh *made = &s->sign.made;
+    if (report->is_shape) return DF_VERDICT_CERTAIN;
+    if (r->distance == DISTANCE_OPENVDB) {
+        report->sign_reason = "OpenVDB fills thin gaps and cavities";
+        return DF_VERDICT_UNKNOWN;
+    }
+    bool parity = r->sign == DF_SIGN_PARITY;
+    report->flipped_faces = made->flipped_faces;
+    report->inverted_components = made->inverted_components;
+    report->holes = made->cap_count;
+    report->hole_edges = made->border_edges;
+    report->unorientable_edges = made->unorientable_edges;
+    if (report->build.wall_count) report->sign_reason = "the sign changes where no surface is";
+    else if (report->sign_contradictions) report->sign_reason = "CGAL's inside test disagrees";
+    else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
+    else if (r->structure == DF_FIELD_DENSE && made->cap_count) report->sign_reason = "the mesh has holes";
+    if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
+    if (made->cap_count) report->sign_reason = "holes closed, all smaller than a voxel";
+    else if (made->flipped_faces) report->sign_reason = "faces oriented alike";
+    else if (made->inverted_components) report->sign_reason = "bodies turned that were inside out";
+    return report->sign_reason ? DF_VERDICT_REPAIRED : DF_VERDICT_CERTAIN;
+}
+
 static df_status finish_field(const request *r, const surface *s, df_field *field, df_convert_report *report, df_error *err) {
-    field->verdict = DF_VERDICT_CERTAIN;
-    if (!report->is_shape && r->distance == DISTANCE_OPENVDB) {
-        field->verdict = DF_VERDICT_UNKNOWN; /* thin gaps and cavities may be filled */
-    } else if (r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0) {
+    if (!report->is_shape && r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0 && report->edges.border_count == 0) {
         df_status status = check_signs(s, field, report, err);
         if (status != DF_OK) return status;
-        if (report->sign_contradictions) field->verdict = DF_VERDICT_UNCERTAIN;
+    }
+    field->verdict = judge_signs(r, s, report);
+    if (r->strict && field->verdict == DF_VERDICT_UNCERTAIN) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: the signs are uncertain: %s (--strict)", r->input, report->sign_reason);
     }
     char *provenance = df_report_provenance(report, field, json_options(r));
     if (!provenance) return df_fail(err, DF_ERROR_MEMORY, "provenance: out of memory");
@@ -252,7 +280,7 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     report->prepare_ms = df_now_ms() - start;
     df_shape_cells shape_cells = {&s->shape, &lattice};
     df_build_input input = {.name = r->input, .kind = r->structure, .lattice = &lattice, .source = &source,
-                            .mesh = report->is_shape ? NULL : &s->mesh, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
+                            .mesh = report->is_shape ? NULL : &s->mesh, .sign = &s->sign, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
                             .quiet = r->quiet};
     if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     df_distance_source_free(&source);
@@ -283,6 +311,7 @@ static df_status convert(const request *r, const char *output, df_error *err) {
         else if (!r->quiet) df_report_print(&report, &field);
     }
     free(report.edges.borders);
+    df_sign_free(&s.sign);
     df_mesh_free(&s.mesh);
     df_field_free(&field);
     return status;

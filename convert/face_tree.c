@@ -1,19 +1,12 @@
 #include "convert/face_tree.h"
 
 #include "common/memory.h"
+#include "convert/isa.h"
 
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* The kernel for the widest vectors the machine has; the arithmetic, and so every bit, is the same in all of them. Sanitizers and clang cannot
- * build functions of several targets. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define FOR_EACH_ISA __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define FOR_EACH_ISA
-#endif
 
 static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -76,7 +69,7 @@ static inline __attribute__((always_inline)) double face_distance(const df_face 
     return plane < best ? plane : best;
 }
 
-FOR_EACH_ISA
+DF_FOR_EACH_ISA
 void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8], double *out,
                        double least[8]) {
     double low[8];
@@ -93,7 +86,7 @@ void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t coun
     memcpy(least, low, sizeof low);
 }
 
-FOR_EACH_ISA
+DF_FOR_EACH_ISA
 void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes, float *distances,
                     uint8_t *masks) {
     float centre[3][8], half[3][8], low[8];

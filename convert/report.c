@@ -17,10 +17,26 @@ static json_t *json_mesh(const df_convert_report *r) {
                      "misoriented_edges", (json_int_t)r->edges.misoriented);
 }
 
+static json_t *json_sign(const df_convert_report *r, const df_field *field) {
+    json_t *sign = json_pack("{s:s, s:s, s:I, s:I}", "method", r->sign_method, "verdict", df_verdict_name(field->verdict),
+                             "lost_features", (json_int_t)r->build.lost_features, "wall_samples", (json_int_t)r->build.wall_count);
+    if (r->sign_reason) json_object_set_new(sign, "reason", json_string(r->sign_reason));
+    if (r->build.wall_count) {
+        const double *p = r->build.wall_place;
+        json_object_set_new(sign, "wall_at", json_pack("[f,f,f]", p[0], p[1], p[2]));
+    }
+    const struct { const char *name; uint64_t count; } counts[] = {
+        {"flipped_faces", r->flipped_faces}, {"inverted_bodies", r->inverted_components}, {"holes", r->holes},
+        {"hole_edges", r->hole_edges}, {"unorientable_edges", r->unorientable_edges},
+        {"checked_points", r->sign_checks}, {"contradictions", r->sign_contradictions}};
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+        if (counts[i].count) json_object_set_new(sign, counts[i].name, json_integer((json_int_t)counts[i].count));
+    }
+    return sign;
+}
+
 char *df_report_provenance(const df_convert_report *r, const df_field *field, json_t *options) {
-    json_t *sign = json_pack("{s:s, s:s, s:I, s:I, s:I}", "method", r->sign_method, "verdict", df_verdict_name(field->verdict),
-                             "lost_features", (json_int_t)r->build.lost_features,
-                             "checked_points", (json_int_t)r->sign_checks, "contradictions", (json_int_t)r->sign_contradictions);
+    json_t *sign = json_sign(r, field);
     json_t *root = json_pack("{s:s, s:s, s:s, s:o, s:s, s:o}", "program", "df-convert " DF_VERSION, "libraries", LIBRARIES,
                              "input", r->input, "options", options, "distance", r->distance, "sign", sign);
     if (root && !r->is_shape) {
@@ -55,17 +71,30 @@ static void print_mesh(const df_convert_report *r) {
     printf("\n");
 }
 
+static void print_signs(const df_convert_report *r, const df_field *field) {
+    printf("signs     by %s in %.0f ms: %s", r->sign_method, r->build.sign_ms, df_verdict_name(field->verdict));
+    if (r->sign_reason) printf(": %s", r->sign_reason);
+    print_count(r->flipped_faces, "faces flipped");
+    print_count(r->unorientable_edges, "edges where faces cannot agree");
+    print_count(r->inverted_components, "bodies turned");
+    print_count(r->holes, "holes");
+    print_count(r->build.wall_count, "changes of sign away from the surface");
+    if (r->build.wall_count) {
+        printf(" (first at %g %g %g)", r->build.wall_place[0], r->build.wall_place[1], r->build.wall_place[2]);
+    }
+    print_count(r->sign_checks, "points checked");
+    print_count(r->sign_contradictions, "contradictions");
+    print_count(r->build.lost_features, "coarse cells crossed without a change of sign");
+    printf("\n");
+}
+
 void df_report_print(const df_convert_report *r, const df_field *field) {
     if (!r->is_shape) print_mesh(r);
     printf("lattice   %" PRIu32 " x %" PRIu32 " x %" PRIu32 " voxels of %g\n", field->voxel_count[0], field->voxel_count[1],
            field->voxel_count[2], field->voxel_size[0]);
     printf("distances %" PRIu64 " samples by %s in %.0f ms\n", r->build.samples_computed, r->distance,
            r->prepare_ms + r->build.cells_ms + r->build.distance_ms);
-    printf("signs     by %s in %.0f ms, %s", r->sign_method, r->build.sign_ms, df_verdict_name(field->verdict));
-    print_count(r->sign_checks, "points checked");
-    print_count(r->sign_contradictions, "contradictions");
-    print_count(r->build.lost_features, "coarse cells crossed without a change of sign");
-    printf("\n");
+    print_signs(r, field);
     if (field->kind == DF_FIELD_BRICKS) {
         printf("bricks    %" PRIu32 " of %" PRIu32 "^3 voxels\n", field->brick_count, field->brick_size);
     }
@@ -77,15 +106,14 @@ df_status df_report_print_json(const df_convert_report *r, const df_field *field
     json_t *phases = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "read_ms", r->read_ms, "clean_ms", r->clean_ms,
                                "prepare_ms", r->prepare_ms, "cells_ms", r->build.cells_ms, "distance_ms", r->build.distance_ms,
                                "sign_ms", r->build.sign_ms, "structure_ms", r->build.structure_ms, "write_ms", r->write_ms);
-    json_t *root = r->is_shape ? json_object() : json_mesh(r);
-    json_t *more = json_pack("{s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:s, s:s, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:I}",
+    json_t *root = r->is_shape ? json_object() : json_mesh(r), *sign = json_sign(r, field);
+    json_t *more = json_pack("{s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:s, s:s, s:o, s:I, s:f, s:f, s:o, s:f, s:I}",
                              "input", r->input, "input_sha256", r->input_sha256, "output", r->output,
                              "structure", df_field_kind_name(field->kind), "samples", df_sample_type_name(field->sample_type),
                              "resolution", (json_int_t)r->resolution,
                              "voxels", (json_int_t)field->voxel_count[0], (json_int_t)field->voxel_count[1], (json_int_t)field->voxel_count[2],
                              "voxel_size", field->voxel_size[0], "bytes", (json_int_t)r->bytes,
-                             "distance", r->distance, "sign_method", r->sign_method, "verdict", df_verdict_name(field->verdict),
-                             "sign_checks", (json_int_t)r->sign_checks, "sign_contradictions", (json_int_t)r->sign_contradictions,
+                             "distance", r->distance, "sign_method", r->sign_method, "verdict", df_verdict_name(field->verdict), "sign", sign,
                              "lost_features", (json_int_t)r->build.lost_features,
                              "max_error", field->error_max, "rms_error", field->error_rms,
                              "phases", phases, "total_ms", r->total_ms, "peak_bytes", (json_int_t)r->peak_bytes);

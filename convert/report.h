@@ -16,6 +16,8 @@ typedef struct df_convert_report {
     const char *distance;     /* "cgal", "openvdb", "shape" */
     const char *sign_method;  /* "winding", "openvdb", "shape" */
     uint64_t sign_checks, sign_contradictions; /* points asked of CGAL's inside test, and where it disagreed */
+    const char *sign_reason; /* why the signs are not certain; NULL where they are */
+    uint32_t flipped_faces, inverted_components, holes, hole_edges, unorientable_edges; /* see sign_mesh.h */
     df_build_report build;
     double read_ms, clean_ms, prepare_ms, write_ms, total_ms;
     uint64_t bytes;      /* of the file */
