@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,7 +36,16 @@ static void prepare_face(const double *const corner[3], df_face *face) {
     face->foot = fmin(1, fmax(0, dot(face->ac, face->ab) * face->inverse_ab));
     for (int i = 0; i < 3; i++) face->h[i] = face->ac[i] - face->foot * face->ab[i];
     face->inverse_h = inverse(dot(face->h, face->h));
-    if (!isfinite(face->inverse_h)) face->inverse_h = 0;
+    double normal[3], area = 0;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        normal[i] = face->ab[j] * face->h[k] - face->ab[k] * face->h[j];
+        area += normal[i] * normal[i];
+    }
+    area = sqrt(area);
+    bool has_area = area > 0 && isfinite(face->inverse_h);
+    if (!has_area) face->inverse_h = 0;
+    for (int i = 0; i < 3; i++) face->normal[i] = has_area ? normal[i] / area : 0;
 }
 
 /* The squared distance of a point to a face: the nearest of its sides and, where the foot of the perpendicular lies inside, its plane. */
@@ -47,12 +57,12 @@ static inline __attribute__((always_inline)) double face_distance(const df_face 
     double bx = x - f->ab[0], by = y - f->ab[1], bz = z - f->ab[2];
     double cx = f->ac[0] - f->ab[0], cy = f->ac[1] - f->ab[1], cz = f->ac[2] - f->ab[2];
     double v = (bx * cx + by * cy + bz * cz) * f->inverse_bc;
-    double rx = x - s * f->ab[0] - t * f->h[0], ry = y - s * f->ab[1] - t * f->h[1], rz = z - s * f->ab[2] - t * f->h[2];
-    double plane = rx * rx + ry * ry + rz * rz;
-    /* inside all three sides; and t <= 1 follows */
+    double height = x * f->normal[0] + y * f->normal[1] + z * f->normal[2], plane = height * height;
+    /* inside all three sides, from which t <= 1 follows; never for a face without area */
     double left = s - t * f->foot, right = 1 - s - t * (1 - f->foot);
     double least = left < right ? left : right;
     least = t < least ? t : least;
+    least = f->inverse_h > 0 ? least : -1;
     double s1 = s < 0 ? 0 : s, u1 = u < 0 ? 0 : u, v1 = v < 0 ? 0 : v;
     s1 = s1 > 1 ? 1 : s1;
     u1 = u1 > 1 ? 1 : u1;

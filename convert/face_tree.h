@@ -16,6 +16,7 @@
  */
 typedef struct df_face {
     double a[3], ab[3], h[3], ac[3];
+    double normal[3]; /* unit length, across ab and h, so well-conditioned as well; 0 for a face without area */
     double inverse_ab, inverse_h, inverse_ac, inverse_bc; /* 1 over the squared lengths; 0 for 0 */
     double foot;                                           /* in [0, 1] */
 } df_face;

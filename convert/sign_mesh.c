@@ -417,7 +417,7 @@ uint32_t df_sign_mesh_near(const df_sign_mesh *sign, const double p[3], double r
         double u[3] = {p[0] - cap->centre[0], p[1] - cap->centre[1], p[2] - cap->centre[2]};
         double d = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]) - radius - cap->radius;
         double share = d > 0 ? cap->area / (d * d * FOUR_PI) : 1;
-        if (share > 0.001 || rest + share > 0.01) active[count++] = c;
+        if (share > 0.0001 || rest + share > 0.001) active[count++] = c;
         else rest += share;
     }
     return count;

@@ -44,7 +44,7 @@ void df_sign_mesh_free(df_sign_mesh *sign);
 void df_sign_mesh_corrections(const df_sign_mesh *sign, const uint32_t *active, uint32_t active_count, const double points[3][8],
                               double out[8]);
 
-/* Lists the fans that matter to points within `radius` of p, leaving out those that together cover less than 0.01; active has room for cap_count. Returns their number. */
+/* Lists the fans that matter to points within `radius` of p, leaving out those that together cover less than 0.001; active has room for cap_count. Returns their number. */
 uint32_t df_sign_mesh_near(const df_sign_mesh *sign, const double p[3], double radius, uint32_t *active);
 
 #endif
