@@ -8,6 +8,7 @@
 #include "common/progress.h"
 #include "common/version.h"
 #include "render/bench.h"
+#include "render/export.h"
 
 #include <argp.h>
 #include <errno.h>
@@ -28,6 +29,8 @@ typedef struct options {
     const char *field_path, *output_path, *depth_path, *normals_path, *from_path;
     const char *isa;
     const df_kernels *kernels;
+    const char *mesh_path;
+    uint32_t mesh_method; /* df_mc_method */
     uint32_t threads, tile;
     df_devices_options devices;
     bool list_devices;
@@ -37,7 +40,8 @@ typedef struct options {
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS };
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS,
+       KEY_MESH, KEY_MESH_TOPOLOGY };
 
 static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Camera (world units)", 1},
@@ -58,6 +62,10 @@ static const struct argp_option option_table[] = {
      "Render a picture of df-render again, from the settings inside it, and say whether it is equal (exit 1 if not). The field "
      "is the one named inside unless FIELD is given; with -o the new picture is written as well",
      0},
+    {"export-mesh", KEY_MESH, "FILE", 0,
+     "Write the surface as triangles, by marching cubes: .ply (binary), .obj or .stl. No picture is made then unless -o asks for one", 0},
+    {"mesh-topology", KEY_MESH_TOPOLOGY, "NAME", 0,
+     "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
     {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda (scalar 3DDDA, the reference); default "
@@ -111,6 +119,10 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     switch (key) {
     case 'o': opts->output_path = argument; return 0;
     case 'q': opts->quiet = true; return 0;
+    case KEY_MESH: opts->mesh_path = argument; return 0;
+    case KEY_MESH_TOPOLOGY:
+        check(state, df_parse_name("--mesh-topology", argument, df_mc_method_names, &opts->mesh_method, &err), &err);
+        return 0;
     case 'v': opts->verbose = true; return 0;
     case KEY_MAP: opts->map = true; return 0;
     case KEY_STATS: opts->stats = true; return 0;
@@ -141,6 +153,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
             argp_error(state, "--bench writes no picture: it cannot go with --from, --output, --depth or --normals");
         }
         if (opts->bench_frames && !opts->settings.has_orbit) opts->settings.orbit[0] = opts->settings.orbit[1] = 0;
+        if (opts->from_path && opts->mesh_path) argp_error(state, "--from and --export-mesh contradict each other");
         if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
         return 0;
     default: return ARGP_ERR_UNKNOWN;
@@ -176,7 +189,10 @@ static void session_free(session *s) {
 static df_status check_outputs(options *opts, session *s, df_error *err) {
     const char *float_paths[2] = {opts->depth_path, opts->normals_path};
     df_status status = DF_OK;
-    if (!opts->output_path && !opts->from_path && !opts->bench_frames) {
+    if (opts->mesh_path) status = df_mesh_check_path(opts->mesh_path, err);
+    if (status == DF_OK && opts->mesh_path) status = df_output_check(opts->mesh_path, err);
+    if (status != DF_OK) return status;
+    if (!opts->output_path && !opts->from_path && !opts->bench_frames && !opts->mesh_path) {
         opts->output_path = s->own_path = df_path_with_extension(opts->field_path, ".png", 0);
         if (!s->own_path) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     }
@@ -201,6 +217,10 @@ static df_status read_original(options *opts, session *s, df_error *err) {
     }
     if (!opts->field_path) opts->field_path = field;
     return df_settings_parse(&opts->settings, text, opts->from_path, err);
+}
+
+static bool wants_picture(const options *opts) {
+    return opts->output_path || opts->depth_path || opts->normals_path || opts->from_path;
 }
 
 static df_status read_field(const options *opts, session *s, df_error *err) {
@@ -347,12 +367,28 @@ static df_status run_bench(const options *opts, session *s, df_error *err) {
     return status;
 }
 
+/* The surface as a mesh file. */
+static df_status export_mesh(const options *opts, const session *s, df_error *err) {
+    const bool report = !wants_picture(opts); /* otherwise the picture's report has stdout */
+    const df_export_options export = {.path = opts->mesh_path,
+                                      .field_path = opts->field_path,
+                                      .iso = (float)opts->settings.iso,
+                                      .method = (df_mc_method)opts->mesh_method,
+                                      .threads = opts->threads,
+                                      .quiet = opts->quiet,
+                                      .stats = report && opts->stats,
+                                      .json = report && opts->json};
+    return df_export_mesh(&s->field, &export, err);
+}
+
 static df_status run(options *opts, session *s, df_error *err) {
     df_status status = df_kernels_select(opts->isa, &opts->kernels, err);
     if (status == DF_OK && opts->from_path) status = read_original(opts, s, err);
     if (status == DF_OK) status = check_outputs(opts, s, err);
     if (status == DF_OK) status = read_field(opts, s, err);
-    if (status == DF_OK) status = render(opts, s, err);
+    if (status == DF_OK && opts->mesh_path) status = export_mesh(opts, s, err);
+    if (status != DF_OK || !(wants_picture(opts) || opts->bench_frames)) return status;
+    status = render(opts, s, err);
     if (status == DF_OK) status = opts->bench_frames ? run_bench(opts, s, err) : write_outputs(opts, s, err);
     if (status != DF_OK) return status;
     if (opts->verbose && opts->output_path) fprintf(stderr, "df-render: wrote %s\n", opts->output_path);

@@ -36,6 +36,7 @@ typedef struct grid {
     block *blocks;      /* those at the surface, in the order of their cells */
     uint32_t block_count;
     uint16_t *rows;
+    uint8_t bit_count[1 << SIDE_MAX]; /* of a row */
 } grid;
 
 /* A block being worked on. */
@@ -88,16 +89,21 @@ df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_coun
     return DF_OK;
 }
 
+static double largest_of(const double v[3]) {
+    double x = fabs(v[0]), y = fabs(v[1]), z = fabs(v[2]), xy = x > y ? x : y;
+    return xy > z ? xy : z;
+}
+
 void df_mc_normal(const df_field *field, const double gradient[3], const double fallback[3], float normal[3]) {
     double g[3], length = 0;
     for (int a = 0; a < 3; a++) g[a] = gradient[a] / field->voxel_size[a];
-    double largest = fmax(fabs(g[0]), fmax(fabs(g[1]), fabs(g[2])));
+    double largest = largest_of(g);
     if (!(largest > 0)) {
         memcpy(g, fallback, sizeof g);
-        largest = fmax(fabs(g[0]), fmax(fabs(g[1]), fabs(g[2])));
+        largest = largest_of(g);
     }
     for (int a = 0; a < 3; a++) {
-        g[a] /= largest;
+        g[a] /= largest; /* squares neither overflow nor vanish */
         length += g[a] * g[a];
     }
     for (int a = 0; a < 3; a++) normal[a] = (float)(g[a] / sqrt(length));
@@ -212,7 +218,7 @@ static void mark_slots(grid *g, uint32_t slot_count, scratch *all) {
             mixed = view_is_mixed(g, &s->view);
         }
         g->block_of[slot] = mixed ? 0 : DF_MC_NONE;
-        df_progress_add(g->params.progress, 1);
+        df_progress_add(g->params.progress, mixed ? 1 : 2);
     }
 }
 
@@ -284,7 +290,7 @@ static void count_block(const grid *g, block *b, scratch *s) {
             row[0] = (uint16_t)((here ^ here >> 1) & voxels_x);
             row[1] = y < v->voxels[1] ? (uint16_t)((here ^ s->inside[y + 1 + side * z]) & own_x) : 0;
             row[2] = z < v->voxels[2] ? (uint16_t)((here ^ s->inside[y + side * (z + 1)]) & own_x) : 0;
-            b->edge_count += (uint32_t)(__builtin_popcount(row[0]) + __builtin_popcount(row[1]) + __builtin_popcount(row[2]));
+            b->edge_count += (uint32_t)g->bit_count[row[0]] + g->bit_count[row[1]] + g->bit_count[row[2]];
         }
     }
     b->vertex_first = b->edge_count;
@@ -336,12 +342,13 @@ static void index_edges(const grid *g, scratch *s, const uint32_t d[3]) {
         for (uint32_t y = 0; y < layer; y++) {
             for (uint32_t axis = 0; axis < 3; axis++, row++) {
                 uint32_t bits = *row;
+                if (!bits) continue;
                 uint32_t *out = s->index[axis] + side * (y + d[1] * g->k + side * (z + d[2] * g->k)) + d[0] * g->k;
                 if (y < owned[1]) {
                     uint32_t wanted = d[0] ? bits & 1 : bits, number = vertex;
                     for (; wanted; wanted &= wanted - 1) out[__builtin_ctz(wanted)] = number++;
                 }
-                vertex += (uint32_t)__builtin_popcount(bits);
+                vertex += g->bit_count[bits];
             }
         }
     }
@@ -518,6 +525,7 @@ static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh
 static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
     grid g = {.field = field, .params = *params, .k = field->kind == DF_FIELD_BRICKS ? field->brick_size : DENSE_BLOCK};
     for (int a = 0; a < 3; a++) g.cell_count[a] = (field->voxel_count[a] + g.k - 1) / g.k;
+    for (uint32_t bits = 1; bits < sizeof g.bit_count; bits++) g.bit_count[bits] = (uint8_t)(g.bit_count[bits >> 1] + (bits & 1));
     df_mc_tables_make(&g.tables, params->method == DF_MC_CORRECT);
     scratch *all = NULL;
     int threads = df_mc_threads(params);
@@ -528,6 +536,14 @@ static df_status extract_grid(const df_field *field, const char *name, const df_
     free(g.blocks);
     free(g.rows);
     return status;
+}
+
+uint64_t df_mesh_work(const df_field *field) {
+    if (field->kind == DF_FIELD_ADF) return 2 * (uint64_t)field->family_count;
+    if (field->kind == DF_FIELD_BRICKS) return 2 * (uint64_t)field->brick_count;
+    uint64_t blocks = 1;
+    for (int a = 0; a < 3; a++) blocks *= (field->voxel_count[a] + DENSE_BLOCK - 1) / DENSE_BLOCK;
+    return 2 * blocks;
 }
 
 df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {

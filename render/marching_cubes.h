@@ -25,7 +25,7 @@ typedef struct df_mc_params {
     df_mc_method method;
     uint32_t thread_count; /* 0: OpenMP's default */
     bool skip_normals;     /* leave normals NULL */
-    df_progress *progress; /* NULL: none; two units a brick, block or family */
+    df_progress *progress; /* NULL: none; gets df_mesh_work units */
 } df_mc_params;
 
 /* Zero-initialised = empty; df_mesh_free releases it. */
@@ -45,6 +45,9 @@ void df_mesh_free(df_mesh *mesh);
  * mesh would have more than DF_MESH_INDEX_MAX indices. `name` stands for the field in messages. The mesh is empty after a failure.
  * Needs little more memory than the mesh: about 500 bytes for each brick at the surface, and some KiB a thread. */
 df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err);
+
+/* The units of progress that an extraction makes. */
+uint64_t df_mesh_work(const df_field *field);
 
 /* Bytes of the mesh's arrays. */
 uint64_t df_mesh_bytes(const df_mesh *mesh);
