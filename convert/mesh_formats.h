@@ -12,7 +12,8 @@
 extern "C" {
 #endif
 
-/* Wavefront OBJ through tinyobjloader. Changes `text`: joins continued lines. */
+/* Wavefront OBJ through tinyobjloader. Changes `text`: joins continued lines and blanks
+ * comments. */
 df_status df_mesh_parse_obj(char *text, size_t size, const char *name, df_mesh_builder *builder, df_error *err);
 
 /* Stanford PLY: ASCII, binary of either byte order, faces or triangle strips, any property types. */

@@ -46,6 +46,14 @@ void join_lines(char *text, size_t size) {
     }
 }
 
+// A comment may follow a face in its line; tinyobjloader would read it as corners.
+void blank_comments(char *text, size_t size) {
+    char *end = text + size;
+    for (char *at = text; (at = static_cast<char *>(std::memchr(at, '#', size_t(end - at))));) {
+        while (at < end && *at != '\n' && *at != '\r') *at++ = ' ';
+    }
+}
+
 // tinyobjloader reads "nan", "inf" and any other word as 0. Returns the number of the first vertex line with a letter that is not
 // part of a number, 0 when there is none.
 size_t find_bad_vertex(const char *text, const char *end) {
@@ -71,6 +79,7 @@ size_t find_bad_vertex(const char *text, const char *end) {
 df_status df_mesh_parse_obj(char *text, size_t size, const char *name, df_mesh_builder *builder, df_error *err) {
     return df::guard(name, DF_ERROR_FORMAT, err, [&]() -> df_status {
         join_lines(text, size);
+        blank_comments(text, size);
         if (const size_t line = find_bad_vertex(text, text + size)) {
             return df_fail(err, DF_ERROR_FORMAT, "%s: line %zu: the vertex is not three finite numbers", name, line);
         }
