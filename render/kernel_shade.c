@@ -1,4 +1,5 @@
 /* Hits to pixels: DF_LANES at a time. */
+#include "render/fetch.h"
 #include "render/gradient.h"
 #include "render/kernel.h"
 #include "render/shade.h"
@@ -26,6 +27,7 @@ static void write_pixel(const df_shade_job *job, const df_hits *hits, uint32_t i
 void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     const df_view *view = job->tile->view;
     const bool beyond = job->gradient != DF_GRADIENT_ANALYTIC;
+    const bool quick = beyond && job->scene->field->sample_type == DF_SAMPLE_F32;
     lf size[3], inverse_size[3];
     columns in;
     memset(&in, 0, sizeof in);
@@ -38,11 +40,12 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
         for (uint32_t i = 0; i < DF_LANES; i++) {
             const uint32_t from = first + (i < lanes ? i : 0);
             const uint32_t voxel[3] = {hits->cell[0][from], hits->cell[1][from], hits->cell[2][from]};
-            df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
+            if (quick) df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
+            else df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
             for (int a = 0; a < 3; a++) in.direction[a][i] = job->tile->rays.direction[a][hits->ray[from]];
         }
         lf stencil[64], local[3], gradient[3], direction[3], toward_eye[3], normal[3];
-        for (int s = 0; s < 64; s++) stencil[s] = lf_load(in.stencil[s]);
+        for (int s = 0; s < 64; s++) stencil[s] = lf_load(in.stencil[s]); /* what the gradient does not use costs nothing */
         for (int a = 0; a < 3; a++) {
             local[a] = lf_load(hits->local[a] + first);
             direction[a] = lf_load(in.direction[a]);

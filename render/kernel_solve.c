@@ -1,5 +1,6 @@
 /* Accepted cells to hits: DF_DOUBLE_LANES cells at a time, each ray rebased to its cell in double. */
 #include "render/cubic.h"
+#include "render/fetch.h"
 #include "render/kernel.h"
 
 #include <assert.h>
@@ -21,9 +22,16 @@ typedef struct batch {
 
 static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *c, batch *in, int lane) {
     const uint32_t voxel[3] = {c->cell[0], c->cell[1], c->cell[2]};
-    float corner[8];
-    df_scene_corners(scene, voxel, c->block, corner);
-    for (int k = 0; k < 8; k++) in->corner[k][lane] = corner[k];
+    if (scene->field->sample_type == DF_SAMPLE_F32) {
+        const df_fetch f = df_fetch_corner(scene, voxel, c->block);
+        for (int k = 0; k < 8; k++) {
+            in->corner[k][lane] = f.corner[(k & 1) + (k & 2 ? f.row : 0) + (k & 4 ? f.slice : 0)] - scene->iso;
+        }
+    } else {
+        float corner[8];
+        df_scene_corners(scene, voxel, c->block, corner);
+        for (int k = 0; k < 8; k++) in->corner[k][lane] = corner[k];
+    }
     for (int a = 0; a < 3; a++) {
         in->origin[a][lane] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
         in->direction[a][lane] = rays->direction[a][c->ray];
