@@ -54,6 +54,13 @@ typedef struct df_splat_job {
     uint8_t *flags;             /* by ray, DF_HIT_... */
 } df_splat_job;
 
+/* A tile of rays for the packet tracer. */
+typedef struct df_packet_job {
+    const df_scene *scene;
+    const df_tile *tile;
+    int isolate; /* DF_SOLVE_ISOLATES */
+} df_packet_job;
+
 struct df_kernels {
     const char *isa; /* "scalar", "sse4.1", "avx2", "avx512" */
     uint32_t lanes;
@@ -64,6 +71,9 @@ struct df_kernels {
     /* Solves accepted cells in double and appends them to hits: the last step of every tracer that walks cells. Appends nothing else. */
     void (*solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays, const df_candidate *candidates,
                   uint32_t count, df_hits *hits);
+
+    /* Walks the rays of a tile in packets; returns the number of candidates, of which there is room for one a ray. */
+    uint32_t (*packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);

@@ -86,6 +86,11 @@ static inline li li_load_u16(const uint16_t *p) { return *p; }
 static inline lf lf_gather(const float *base, li index) { return base[index]; }
 static inline void lf_compress(float *p, lm m, lf a) { if (m) *p = a; }
 static inline void li_compress(int32_t *p, lm m, li a) { if (m) *p = a; }
+static inline li li_gather(const int32_t *base, li index) { return base[index]; }
+static inline li li_select(lm m, li a, li b) { return m ? a : b; }
+static inline lm li_lt(li a, li b) { return a < b; }
+static inline lm li_bit(li word, li bit) { return (int)((uint32_t)word >> bit & 1); }
+static inline lm lm_first(uint32_t n) { return n > 0; }
 static inline ld ld_load(const double *p) { return *p; }
 static inline ld ld_load_f32(const float *p) { return (double)*p; }
 static inline void ld_store(double *p, ld a) { *p = a; }
@@ -141,6 +146,22 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     li_store(lane, a);
     for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
 }
+static inline li li_gather(const int32_t *base, li index) {
+    int32_t i[4];
+    li_store(i, index);
+    return _mm_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
+}
+static inline li li_select(lm m, li a, li b) { return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m)); }
+static inline lm li_lt(li a, li b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
+static inline lm li_bit(li word, li bit) {
+    uint32_t w[4];
+    int32_t b[4];
+    li_store((int32_t *)w, word);
+    li_store(b, bit);
+    const li set = _mm_setr_epi32((int)(w[0] >> b[0] & 1), (int)(w[1] >> b[1] & 1), (int)(w[2] >> b[2] & 1), (int)(w[3] >> b[3] & 1));
+    return _mm_castsi128_ps(_mm_cmpgt_epi32(set, _mm_setzero_si128()));
+}
+static inline lm lm_first(uint32_t n) { return _mm_castsi128_ps(_mm_cmplt_epi32(_mm_setr_epi32(0, 1, 2, 3), _mm_set1_epi32((int)n))); }
 
 static inline ld ld_set(double a) { return _mm_set1_pd(a); }
 static inline ld ld_load(const double *p) { return _mm_loadu_pd(p); }
@@ -206,6 +227,16 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     li_store(lane, a);
     for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
 }
+static inline li li_gather(const int32_t *base, li index) { return _mm256_i32gather_epi32(base, index, 4); }
+static inline li li_select(lm m, li a, li b) { return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m)); }
+static inline lm li_lt(li a, li b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
+static inline lm li_bit(li word, li bit) {
+    const li set = _mm256_and_si256(_mm256_srlv_epi32(word, bit), _mm256_set1_epi32(1));
+    return _mm256_castsi256_ps(_mm256_cmpgt_epi32(set, _mm256_setzero_si256()));
+}
+static inline lm lm_first(uint32_t n) {
+    return _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32((int)n), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)));
+}
 
 static inline ld ld_set(double a) { return _mm256_set1_pd(a); }
 static inline ld ld_load(const double *p) { return _mm256_loadu_pd(p); }
@@ -264,6 +295,11 @@ static inline li li_load_u16(const uint16_t *p) { return _mm512_cvtepu16_epi32(_
 static inline lf lf_gather(const float *base, li index) { return _mm512_i32gather_ps(index, base, 4); }
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
+static inline li li_gather(const int32_t *base, li index) { return _mm512_i32gather_epi32(index, base, 4); }
+static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
+static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
+static inline lm li_bit(li word, li bit) { return _mm512_test_epi32_mask(word, _mm512_sllv_epi32(_mm512_set1_epi32(1), bit)); }
+static inline lm lm_first(uint32_t n) { return (lm)(n >= 16 ? 0xFFFFu : (1u << n) - 1u); }
 
 static inline ld ld_set(double a) { return _mm512_set1_pd(a); }
 static inline ld ld_load(const double *p) { return _mm512_loadu_pd(p); }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_dda, NULL};
+const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_dda, NULL};
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
 const char *const df_gradient_names[] = {"analytic", "central", "forward", "backward", "corner-central", "corner-forward", NULL};
 

@@ -71,7 +71,7 @@ struct df_tracer {
     df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
 };
 
-extern const df_tracer df_tracer_dda, df_tracer_splat;
+extern const df_tracer df_tracer_dda, df_tracer_packet, df_tracer_splat;
 
 /* All tracers that were built in, the fastest first, ended by NULL. */
 extern const df_tracer *const df_tracers[];
