@@ -6,3 +6,4 @@ df_test(test_truth LABELS unit LIBS distfield-lab PkgConfig::LAB_MPFR SOURCES fi
 df_test(test_lab LABELS stability LIBS distfield-lab SOURCES fields.c)
 df_test(test_stability_cells LABELS stability LIBS distfield-lab SOURCES fields.c tracing.c)
 df_test(test_stability_fields LABELS stability LIBS distfield-lab SOURCES fields.c tracing.c)
+df_script_test(test_df_lab LABELS unit)

@@ -118,8 +118,11 @@ static void judge(const lab_run *run, const chunk *c, uint32_t i, lab_score *sco
         direction[a] = (double)c->rays.direction[a][i];
         length += direction[a] * direction[a];
     }
-    if (run->surface) lab_surface_trace(run->surface, box, origin, direction, &truth);
+    df_truth *known = run->truths ? &run->truths[c->number[i] - run->first] : NULL;
+    if (known && run->truths_known) truth = *known;
+    else if (run->surface) lab_surface_trace(run->surface, box, origin, direction, &truth);
     else df_truth_trace(run->scene->field, run->scene->iso, origin, direction, &truth);
+    if (known) *known = truth;
     score->rays++;
     if (truth.tangent) {
         score->tangent++;

@@ -48,6 +48,9 @@ typedef struct lab_run {
     const lab_surface *surface; /* NULL: against the trilinear field */
     lab_family family;
     uint64_t seed, first, count; /* rays first .. first + count - 1 of the family */
+    df_truth *truths;  /* NULL, or room for the truths of count rays: filled by the first run, used by those after it, which must
+                          differ in solve and steps only */
+    bool truths_known;
 } lab_run;
 
 /* Adds to *score, which starts zeroed. */

@@ -1,0 +1,589 @@
+/*
+ * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
+ *
+ *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name or a .dfield file
+ *   df-lab escape [RAYS]                           rays from inside closed fields, with every tracer: none may escape
+ *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of the laboratory
+ *   df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
+ */
+#include "common/field_file.h"
+#include "common/image.h"
+#include "common/version.h"
+#include "fields.h"
+#include "measure.h"
+#include "render/frame.h"
+#include "render/gradient.h"
+#include "render/shade.h"
+#include "render/solve_methods.h"
+#include "table.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The format of the table counts as a part of the version. */
+#define LAB_VERSION DF_VERSION "-1"
+#define KEY_COLUMNS 12
+static const char columns[] =
+    "kind,field,size,structure,samples,tracer,intersect,steps,gradient,truth,family,rays,bytes,"
+    "tangent,true_positive,false_positive,false_negative,true_negative,leaks,wrong_face,"
+    "depth_p50,depth_p99,depth_p999,depth_max,residual_p99,residual_max,normal_p50,normal_p99,normal_max,"
+    "ns_per_ray,ns_per_hit,repeats,field_floor,seed,machine,compiler";
+
+typedef struct method {
+    int solve, steps; /* steps as for --steps; 0: there is nothing to choose */
+} method;
+static const method methods[] = {
+    {DF_SOLVE_MIDPOINT, 0}, {DF_SOLVE_LINEAR, 0}, {DF_SOLVE_REPEATED, 1}, {DF_SOLVE_REPEATED, 2}, {DF_SOLVE_REPEATED, 3}, {DF_SOLVE_REPEATED, 5},
+    {DF_SOLVE_MARMITT, 1}, {DF_SOLVE_MARMITT, 2}, {DF_SOLVE_MARMITT, 3}, {DF_SOLVE_MARMITT, 5}, {DF_SOLVE_ANALYTIC, 0},
+    {DF_SOLVE_ROBUST, 1}, {DF_SOLVE_ROBUST, 2}, {DF_SOLVE_ROBUST, 3}, {DF_SOLVE_ROBUST, 4}, {DF_SOLVE_ROBUST, 6}, {DF_SOLVE_ROBUST, 16}};
+enum { METHOD_COUNT = sizeof methods / sizeof methods[0] };
+
+/* A field under measurement. */
+typedef struct subject {
+    char name[64];
+    lab_surface surface;
+    bool exact; /* the surface's truth is known */
+    df_field field;
+    df_scene scene;
+    double field_floor; /* voxels; 0: unknown */
+} subject;
+
+typedef struct lab_session {
+    lab_table table;
+    bool quick;
+    const df_kernels *kernels;
+    char machine[128];
+    df_error *err;
+} lab_session;
+
+/* ---- fields ---- */
+
+static uint64_t model_bytes(const df_field *field) {
+    uint64_t bytes = field->sample_count * df_sample_size(field->sample_type);
+    if (field->kind == DF_FIELD_BRICKS) {
+        uint64_t cells = (uint64_t)field->cell_count[0] * field->cell_count[1] * field->cell_count[2];
+        bytes += 4 * cells + field->brick_count * (uint64_t)(4 + 8 + 8 * df_brick_mask_words(field->brick_size));
+    }
+    if (field->kind == DF_FIELD_ADF) bytes += field->family_count * sizeof(df_family);
+    return bytes;
+}
+
+static int find_name(const char *const *names, const char *name) {
+    for (int i = 0; names[i]; i++) {
+        if (strcmp(names[i], name) == 0) return i;
+    }
+    return -1;
+}
+
+static df_status make_field(const char *shape, uint32_t size, double parameter, df_field_kind kind, lab_surface *surface, df_field *field,
+                            df_error *err) {
+    const uint32_t count[3] = {size, size, size};
+    const int index = find_name(lab_shape_names, shape);
+    if (index < 0) return df_fail(err, DF_ERROR_USAGE, "%s: not a shape of the laboratory", shape);
+    *surface = lab_surface_make((lab_shape)index, size, parameter);
+    return test_field_from_function(field, kind, 8, count, surface->value, surface, err);
+}
+
+static df_status subject_open(subject *s, const char *name, uint32_t size, df_error *err) {
+    const df_scene_options options = {0};
+    const char *base = strrchr(name, '/') ? strrchr(name, '/') + 1 : name;
+    df_status status;
+    memset(s, 0, sizeof *s);
+    snprintf(s->name, sizeof s->name, "%s", base);
+    if (strstr(name, ".dfield")) {
+        status = df_field_read(name, DF_READ_COPY, &s->field, err);
+    } else {
+        status = make_field(name, size, 0, DF_FIELD_BRICKS, &s->surface, &s->field, err);
+        s->exact = s->surface.lipschitz > 0;
+    }
+    if (status == DF_OK) status = df_scene_prepare(&s->field, 0, &options, &s->scene, err);
+    return status;
+}
+
+static void subject_close(subject *s) {
+    df_scene_free(&s->scene);
+    df_field_free(&s->field);
+}
+
+static uint32_t subject_size(const subject *s) {
+    uint32_t longest = 0;
+    for (int a = 0; a < 3; a++) longest = s->field.voxel_count[a] > longest ? s->field.voxel_count[a] : longest;
+    return longest;
+}
+
+/* ---- rows ---- */
+
+typedef struct row {
+    const char *kind, *tracer, *intersect, *gradient, *truth, *family;
+    int steps;
+    uint64_t rays;
+    const lab_score *score;        /* NULL: no errors measured */
+    const lab_histogram *normal;   /* degrees; NULL: not measured */
+    double ns_per_ray, ns_per_hit; /* negative: not measured */
+    int repeats;
+} row;
+
+static void row_key(const lab_session *session, const subject *s, const row *r, char *key, size_t size) {
+    (void)session;
+    snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s), df_field_kind_name(s->field.kind),
+             df_sample_type_name(s->field.sample_type), r->tracer, r->intersect, r->steps, r->gradient, r->truth, r->family, r->rays);
+}
+
+static int print_times(char *out, size_t size, const row *r) {
+    int n = r->ns_per_ray >= 0 ? snprintf(out, size, "%.3f", r->ns_per_ray) : 0;
+    n += snprintf(out + n, size - (size_t)n, ",");
+    if (r->ns_per_hit >= 0) n += snprintf(out + n, size - (size_t)n, "%.3f", r->ns_per_hit);
+    return n + snprintf(out + n, size - (size_t)n, ",%d", r->repeats);
+}
+
+static df_status write_row(lab_session *session, const subject *s, const row *r) {
+    char key[512], results[1024];
+    const lab_histogram *n = r->normal;
+    const size_t size = sizeof results;
+    int at = snprintf(results, size, "%" PRIu64, model_bytes(&s->field));
+    row_key(session, s, r, key, sizeof key);
+    if (r->score) {
+        const lab_score *c = r->score;
+        at += snprintf(results + at, size - (size_t)at, ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64
+                       ",%.3g,%.3g,%.3g,%.3g,%.3g,%.3g", c->tangent, c->true_positive, c->false_positive, c->false_negative, c->true_negative,
+                       c->leaks, c->wrong_face, lab_histogram_quantile(&c->depth, 0.5), lab_histogram_quantile(&c->depth, 0.99),
+                       lab_histogram_quantile(&c->depth, 0.999), c->depth.max, lab_histogram_quantile(&c->residual, 0.99), c->residual.max);
+    } else {
+        at += snprintf(results + at, size - (size_t)at, ",,,,,,,,,,,,,");
+    }
+    if (n) {
+        at += snprintf(results + at, size - (size_t)at, ",%.3g,%.3g,%.3g,", lab_histogram_quantile(n, 0.5), lab_histogram_quantile(n, 0.99), n->max);
+    } else {
+        at += snprintf(results + at, size - (size_t)at, ",,,,");
+    }
+    at += print_times(results + at, size - (size_t)at, r);
+    snprintf(results + at, size - (size_t)at, ",%.3g,%u,%s,%s", s->field_floor, LAB_SEED, session->machine, "gcc " __VERSION__);
+    return lab_table_add(&session->table, LAB_VERSION, key, results, session->err);
+}
+
+static bool have_row(const lab_session *session, const subject *s, const row *r) {
+    char key[512];
+    row_key(session, s, r, key, sizeof key);
+    return lab_table_has(&session->table, key);
+}
+
+/* ---- errors of solves ---- */
+
+static df_status measure_errors(lab_session *session, const subject *s, lab_family family, const lab_surface *surface, uint64_t rays) {
+    lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .surface = surface, .family = family, .seed = LAB_SEED, .count = rays};
+    df_status status = DF_OK;
+    run.truths = calloc(rays, sizeof *run.truths);
+    if (!run.truths) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for %" PRIu64 " truths", rays);
+    for (int m = 0; m < METHOD_COUNT && status == DF_OK; m++) {
+        lab_score score = {0};
+        run.solve = methods[m].solve;
+        run.steps = methods[m].steps;
+        if (surface && run.solve != DF_SOLVE_ROBUST && run.steps > 1) continue; /* the field's error hides them */
+        const row r = {.kind = "solve", .tracer = "dda", .intersect = df_solve_names[run.solve], .gradient = "", .steps = run.steps,
+                       .truth = surface ? "surface" : "field", .family = lab_family_names[family], .rays = rays, .score = &score,
+                       .ns_per_ray = -1, .ns_per_hit = -1};
+        if (have_row(session, s, &r)) continue;
+        status = lab_measure(&run, &score, session->err);
+        run.truths_known = true;
+        if (status == DF_OK) status = write_row(session, s, &r);
+    }
+    free(run.truths);
+    return status;
+}
+
+/* ---- times ---- */
+
+typedef struct timing {
+    df_frame_options options;
+    df_renderer *renderer;
+    double ms[16];
+    df_frame_stats stats;
+    row row;
+} timing;
+
+static int compare_doubles(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static df_status time_all(lab_session *session, const subject *s, timing *timings, int count) {
+    const uint32_t size = session->quick ? 384 : 1024;
+    const int repeats = session->quick ? 3 : 9;
+    df_camera camera;
+    df_view view;
+    uint8_t *rgb = malloc(3 * (size_t)size * size);
+    df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
+    df_camera_orbit(&s->field, 40, 20, 1.6, &camera);
+    camera.fov_y = 1;
+    if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        status = df_renderer_open(&s->scene, &timings[i].options, size, size, &timings[i].renderer, session->err);
+    }
+    for (int n = -1; n < repeats && status == DF_OK; n++) { /* interleaved; the first round warms up */
+        for (int i = 0; i < count && status == DF_OK; i++) {
+            const df_picture picture = {.width = size, .height = size, .rgb = rgb};
+            memset(&timings[i].stats, 0, sizeof timings[i].stats);
+            status = df_renderer_frame(timings[i].renderer, &view, &picture, &timings[i].stats, session->err);
+            if (n >= 0) timings[i].ms[n] = timings[i].stats.frame_ms;
+        }
+    }
+    for (int i = 0; i < count; i++) {
+        if (status == DF_OK) {
+            row *r = &timings[i].row;
+            qsort(timings[i].ms, (size_t)repeats, sizeof(double), compare_doubles);
+            const double ns = 1e6 * timings[i].ms[repeats / 2];
+            r->ns_per_ray = ns / ((double)size * size);
+            r->ns_per_hit = timings[i].stats.rays_hitting ? ns / (double)timings[i].stats.rays_hitting : -1;
+            r->repeats = repeats;
+            r->rays = (uint64_t)size * size;
+            if (!have_row(session, s, r)) status = write_row(session, s, r);
+        }
+        df_renderer_close(timings[i].renderer);
+    }
+    free(rgb);
+    return status;
+}
+
+static timing make_timing(const lab_session *session, const char *kind, const df_tracer *tracer, int solve, int steps, int gradient) {
+    return (timing){.options = {.tracer = tracer, .solve = solve, .steps = steps, .gradient = gradient, .tile = 64, .threads = 1, .kernels = session->kernels},
+                    .row = {.kind = kind, .tracer = tracer->name, .intersect = df_solve_names[solve], .steps = steps,
+                            .gradient = df_gradient_names[gradient], .truth = "", .family = "camera"}};
+}
+
+static df_status measure_times(lab_session *session, const subject *s) {
+    timing solves[METHOD_COUNT], others[32];
+    int count = 0;
+    for (int m = 0; m < METHOD_COUNT; m++) {
+        solves[m] = make_timing(session, "solve-time", df_tracers[0], methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
+    }
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        others[count++] = make_timing(session, "tracer-time", *tracer, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL);
+    }
+    for (int g = 0; g < DF_GRADIENT_COUNT; g++) others[count++] = make_timing(session, "gradient-time", df_tracers[0], DF_SOLVE_ROBUST, 0, g);
+    df_status status = time_all(session, s, solves, METHOD_COUNT);
+    return status == DF_OK ? time_all(session, s, others, count) : status;
+}
+
+/* ---- normals ---- */
+
+/* The angle in degrees between the normal of each gradient at the default method's hit and that of the exact surface there. */
+static df_status measure_normals(lab_session *session, const subject *s, uint64_t rays) {
+    lab_histogram *angles = calloc(DF_GRADIENT_COUNT, sizeof *angles);
+    if (!angles) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for angles");
+    for (uint64_t i = 0; i < rays; i++) {
+        double o[3], d[3], p[3], exact[3], length = 0;
+        df_truth truth;
+        uint32_t voxel[3];
+        float local[3], stencil[64], gradient[3], normal[3];
+        if (!lab_family_ray(&s->field, LAB_CAMERA, LAB_SEED, i, o, d)) continue;
+        df_truth_trace(&s->field, 0, o, d, &truth);
+        if (!truth.hit || truth.tangent) continue;
+        for (int a = 0; a < 3; a++) {
+            p[a] = o[a] + (double)truth.t * d[a];
+            const double below = floor(p[a]);
+            voxel[a] = (uint32_t)fmin(fmax(below, 0), s->field.voxel_count[a] - 1.0);
+            local[a] = (float)(p[a] - voxel[a]);
+        }
+        const uint32_t block = df_scene_block(&s->scene, voxel[0], voxel[1], voxel[2]);
+        if (block >= DF_CELL_INSIDE) continue;
+        lab_surface_gradient(&s->surface, p, exact);
+        for (int a = 0; a < 3; a++) length += exact[a] * exact[a];
+        if (!(length > 0.5)) continue; /* a crease: no normal */
+        df_scene_stencil(&s->scene, voxel, block, true, stencil, 1);
+        for (int g = 0; g < DF_GRADIENT_COUNT; g++) {
+            double cross[3], cosine = 0, sine = 0;
+            df_gradient(g, stencil, local, gradient);
+            df_shade_normal(gradient, (const float[]){1, 1, 1}, (const float[]){0, 0, 1}, normal);
+            for (int a = 0; a < 3; a++) {
+                const int u = (a + 1) % 3, v = (a + 2) % 3;
+                cross[a] = (double)normal[u] * exact[v] - (double)normal[v] * exact[u];
+                cosine += (double)normal[a] * exact[a];
+                sine += cross[a] * cross[a];
+            }
+            lab_histogram_add(&angles[g], atan2(sqrt(sine), cosine) * 180 / M_PI);
+        }
+    }
+    df_status status = DF_OK;
+    for (int g = 0; g < DF_GRADIENT_COUNT && status == DF_OK; g++) {
+        const row r = {.kind = "gradient", .tracer = "", .intersect = "", .gradient = df_gradient_names[g], .truth = "surface",
+                       .family = lab_family_names[LAB_CAMERA], .rays = rays, .normal = &angles[g], .ns_per_ray = -1, .ns_per_hit = -1};
+        if (!have_row(session, s, &r)) status = write_row(session, s, &r);
+    }
+    free(angles);
+    return status;
+}
+
+/* ---- fields in other structures ---- */
+
+static df_status quantise(const df_field *dense, df_sample_type type, df_field *out, df_error *err) {
+    const uint64_t count = dense->sample_count;
+    const float *samples = dense->samples;
+    const int zero = type == DF_SAMPLE_U8 ? 128 : 32768;
+    const double largest = fmax(fabs((double)dense->value_min), fabs((double)dense->value_max));
+    /* values beyond a few voxels are clamped: no surface voxel has any */
+    const double range = fmin(largest, type == DF_SAMPLE_U8 ? 2.0 : 8.0);
+    void *codes = malloc(count * df_sample_size(type));
+    *out = (df_field){.kind = DF_FIELD_DENSE, .sample_type = type};
+    if (!codes) return df_fail(err, DF_ERROR_MEMORY, "no memory for samples");
+    df_field_own(out, codes);
+    out->samples = codes;
+    out->step_exponent = (int)ceil(log2(range / (zero - 1)));
+    for (int a = 0; a < 3; a++) {
+        out->voxel_count[a] = dense->voxel_count[a];
+        out->voxel_size[a] = dense->voxel_size[a];
+        out->origin[a] = dense->origin[a];
+    }
+    for (uint64_t i = 0; i < count; i++) {
+        double q = fmin(zero - 1, fmax(-zero, rint(ldexp((double)samples[i], -out->step_exponent))));
+        if (q == 0 && samples[i] < 0) q = -1;
+        if (type == DF_SAMPLE_U8) ((uint8_t *)codes)[i] = (uint8_t)(q + zero);
+        else ((uint16_t *)codes)[i] = (uint16_t)(q + zero);
+    }
+    return df_field_finish(out, "quantised", err);
+}
+
+/* The error of a stored field against its exact surface: truth against truth, no tracer. */
+static df_status measure_storage(lab_session *session, const char *name, const lab_surface *surface, const df_field *field, uint64_t rays) {
+    const double box[3] = {field->voxel_count[0], field->voxel_count[1], field->voxel_count[2]};
+    lab_score score = {0};
+    subject s = {.surface = *surface, .field = *field};
+    snprintf(s.name, sizeof s.name, "%s", name);
+    const row r = {.kind = "storage", .tracer = "", .intersect = "", .gradient = "", .truth = "surface", .family = "camera", .rays = rays, .score = &score,
+                   .ns_per_ray = -1, .ns_per_hit = -1};
+    if (have_row(session, &s, &r)) return DF_OK;
+#pragma omp parallel
+    {
+        lab_score mine = {0};
+#pragma omp for
+        for (uint64_t i = 0; i < rays; i++) {
+            double o[3], d[3];
+            df_truth stored, exact;
+            if (!lab_family_ray(field, LAB_CAMERA, LAB_SEED, i, o, d)) continue;
+            df_truth_trace(field, 0, o, d, &stored);
+            lab_surface_trace(surface, box, o, d, &exact);
+            mine.rays++;
+            if (stored.tangent || exact.tangent) mine.tangent++;
+            else if (stored.hit != exact.hit) mine.false_positive += stored.hit, mine.false_negative += exact.hit;
+            else if (!stored.hit) mine.true_negative++;
+            else {
+                const double off = fabs((double)(stored.t - exact.t)) * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+                mine.true_positive++;
+                mine.leaks += off > LAB_LEAK_VOXELS;
+                lab_histogram_add(&mine.depth, off);
+            }
+        }
+#pragma omp critical
+        lab_score_merge(&score, &mine);
+    }
+    return write_row(session, &s, &r);
+}
+
+static df_status measure_structures(lab_session *session, const char *name, uint32_t size, uint64_t rays) {
+    df_status status = DF_OK;
+    df_field dense = {0};
+    const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
+    for (int k = 0; k < 3 && status == DF_OK; k++) {
+        lab_surface surface;
+        df_field field = {0};
+        if (kinds[k] == DF_FIELD_ADF && size & (size - 1)) continue; /* the test octree fills a cube of a power of two */
+        status = make_field(name, size, 0, kinds[k], &surface, &field, session->err);
+        if (status == DF_OK) status = measure_storage(session, name, &surface, &field, rays);
+        for (int t = DF_SAMPLE_U16; t <= DF_SAMPLE_U8 && k == 0 && status == DF_OK; t++) {
+            status = quantise(&field, (df_sample_type)t, &dense, session->err);
+            if (status == DF_OK) status = measure_storage(session, name, &surface, &dense, rays);
+            df_field_free(&dense);
+        }
+        df_field_free(&field);
+    }
+    return status;
+}
+
+/* ---- commands ---- */
+
+/* What no solver can undo: the median error of the default method against the exact surface, in voxels along the ray; or what the file
+ * says of its own error. */
+static df_status find_floor(lab_session *session, subject *s, uint64_t rays) {
+    lab_score score = {0};
+    if (!s->exact) {
+        s->field_floor = s->field.error_rms > 0 ? s->field.error_rms / s->field.voxel_size[0] : 0;
+        return DF_OK;
+    }
+    const lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .solve = DF_SOLVE_ROBUST, .surface = &s->surface, .family = LAB_CAMERA,
+                         .seed = LAB_SEED, .count = rays};
+    df_status status = lab_measure(&run, &score, session->err);
+    s->field_floor = lab_histogram_quantile(&score.depth, 0.5);
+    return status;
+}
+
+static df_status measure_subject(lab_session *session, const char *name, uint32_t size) {
+    subject s;
+    const uint64_t rays = session->quick ? 4000 : 1000000;
+    df_status status = subject_open(&s, name, size, session->err);
+    if (status == DF_OK) status = find_floor(session, &s, session->quick ? 4000 : 40000);
+    if (status == DF_OK && !s.exact) {
+        fprintf(stderr, "df-lab: %s: its surface has no formula: errors of solvers only, none of the field\n", s.name);
+    }
+    if (status == DF_OK) status = measure_times(session, &s);
+    for (int f = 0; f < LAB_FAMILY_COUNT && status == DF_OK; f++) {
+        status = measure_errors(session, &s, (lab_family)f, NULL, f == LAB_CAMERA ? 2 * rays : rays / 2);
+    }
+    if (status == DF_OK && s.exact) status = measure_errors(session, &s, LAB_CAMERA, &s.surface, rays);
+    if (status == DF_OK && s.exact) status = measure_normals(session, &s, rays);
+    subject_close(&s);
+    if (status == DF_OK && s.exact) status = measure_structures(session, name, size, rays);
+    return status;
+}
+
+static void read_machine(char *name, size_t size) {
+    char line[256];
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    snprintf(name, size, "unknown");
+    while (file && fgets(line, sizeof line, file)) {
+        char *value = strstr(line, ": ");
+        if (strncmp(line, "model name", 10) != 0 || !value) continue;
+        value[strcspn(value, "\n")] = 0;
+        snprintf(name, size, "%s", value + 2);
+        break;
+    }
+    for (char *c = name; *c; c++) *c = *c == ',' ? ' ' : *c;
+    if (file) fclose(file);
+}
+
+static df_status command_measure(int argc, char **argv, df_error *err) {
+    lab_session session = {.err = err};
+    int named = 0;
+    read_machine(session.machine, sizeof session.machine);
+    for (int i = 1; i < argc; i++) session.quick |= strcmp(argv[i], "--quick") == 0;
+    df_status status = df_kernels_select("auto", &session.kernels, err);
+    if (status == DF_OK) status = lab_table_open(argv[0], LAB_VERSION, columns, KEY_COLUMNS, &session.table, err);
+    for (int i = 1; i < argc && status == DF_OK; i++) {
+        if (argv[i][0] == '-') continue;
+        named++;
+        status = measure_subject(&session, argv[i], 64);
+    }
+    const uint32_t sizes[] = {64, 128};
+    for (int n = 0; n < (session.quick ? 1 : 2) && named == 0; n++) {
+        for (int i = 0; i < LAB_SHAPE_COUNT && status == DF_OK; i++) status = measure_subject(&session, lab_shape_names[i], sizes[n]);
+    }
+    lab_table_close(&session.table);
+    return status;
+}
+
+static df_status command_escape(int argc, char **argv, df_error *err) {
+    const uint64_t rays = argc > 0 ? strtoull(argv[0], NULL, 10) : 100000000;
+    const char *const shapes[] = {"box", "gyroid", "noise", "pairs", "shell"};
+    df_status status = DF_OK;
+    uint64_t escaped = 0;
+    for (int i = 0; i < 5 && status == DF_OK; i++) {
+        subject s;
+        status = subject_open(&s, shapes[i], 64, err);
+        for (const df_tracer *const *tracer = df_tracers; *tracer && status == DF_OK; tracer++) {
+            uint64_t traced, escapes, first;
+            const lab_run run = {.tracer = *tracer, .scene = &s.scene, .solve = DF_SOLVE_ROBUST, .family = LAB_INSIDE, .seed = LAB_SEED, .count = rays / 5};
+            if ((*tracer)->suits && !(*tracer)->suits(&s.scene, NULL)) continue;
+            status = lab_count_escapes(&run, &traced, &escapes, &first, err);
+            if (status != DF_OK) break;
+            printf("%s, %s: %" PRIu64 " of %" PRIu64 " rays escape", s.name, (*tracer)->name, escapes, traced);
+            printf(escapes ? ", the first is ray %" PRIu64 "\n" : "\n", first);
+            escaped += escapes;
+        }
+        subject_close(&s);
+    }
+    if (status == DF_OK && escaped) return df_fail(err, DF_ERROR_INPUT, "%" PRIu64 " rays escaped", escaped);
+    return status;
+}
+
+static df_status command_field(int argc, char **argv, df_error *err) {
+    lab_surface surface;
+    df_field field = {0};
+    df_status status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 3 ? atof(argv[3]) : 0, DF_FIELD_BRICKS, &surface, &field, err);
+    if (status == DF_OK) status = df_field_write(&field, argv[2], err);
+    df_field_free(&field);
+    return status;
+}
+
+/* The colour of an error: from blue for 1e-6 voxel and less by green to red for 1 and more; misses that are wrong are magenta, hits that are
+ * wrong white, the background is grey. */
+static void error_colour(double error, uint8_t rgb[3]) {
+    const double s = fmin(1, fmax(0, (log10(fmax(error, 1e-9)) + 6) / 6));
+    rgb[0] = (uint8_t)(255 * fmin(1, fmax(0, 2 * s - 0.5)));
+    rgb[1] = (uint8_t)(255 * fmax(0, 1 - fabs(2 * s - 1)));
+    rgb[2] = (uint8_t)(255 * fmax(0, 1 - 2 * s));
+}
+
+static df_status command_map(int argc, char **argv, df_error *err) {
+    enum { SIZE = 320 };
+    const int solve = find_name(df_solve_names, argv[2]);
+    const df_scene_options options = {0};
+    const df_frame_options frame = {.tracer = &df_tracer_dda, .solve = solve, .tile = 64, .threads = 1};
+    lab_surface surface;
+    df_field field = {0};
+    df_scene scene = {0};
+    df_camera camera;
+    df_view view;
+    df_rays rays = {0};
+    df_renderer *renderer = NULL;
+    uint8_t *rgb = malloc(3 * SIZE * SIZE);
+    float *depth = malloc(sizeof(float) * SIZE * SIZE);
+    df_status status = rgb && depth ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
+    if (solve < 0) status = df_fail(err, DF_ERROR_USAGE, "%s: no such solve", argv[2]);
+    if (status == DF_OK) status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 4 ? atof(argv[4]) : 0, DF_FIELD_BRICKS, &surface, &field, err);
+    if (status == DF_OK) status = df_scene_prepare(&field, 0, &options, &scene, err);
+    df_camera_orbit(&field, 30, 20, 1.6, &camera);
+    camera.fov_y = 0.75;
+    if (status == DF_OK) status = df_view_make(&camera, &field, SIZE, SIZE, &view, err);
+    if (status == DF_OK) status = df_renderer_open(&scene, &frame, SIZE, SIZE, &renderer, err);
+    const df_picture picture = {.width = SIZE, .height = SIZE, .depth = depth};
+    if (status == DF_OK) status = df_renderer_frame(renderer, &view, &picture, NULL, err);
+    if (status == DF_OK) status = df_rays_alloc(SIZE * SIZE, true, &rays, err);
+    if (status == DF_OK) df_view_rays(&view, &df_kernels_scalar, 0, 0, SIZE, SIZE, &rays);
+    for (uint32_t i = 0; i < SIZE * SIZE && status == DF_OK; i++) {
+        double o[3], d[3], length = 0;
+        df_truth truth;
+        for (int a = 0; a < 3; a++) {
+            o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : i];
+            d[a] = (double)rays.direction[a][i];
+            length += d[a] * d[a];
+        }
+        df_truth_trace(&field, 0, o, d, &truth);
+        const bool hit = isfinite(depth[i]);
+        uint8_t *c = rgb + 3 * (size_t)i;
+        if (!hit && !truth.hit) memset(c, 120, 3);
+        else if (!hit) c[0] = 255, c[1] = 0, c[2] = 255;
+        else if (!truth.hit) memset(c, 255, 3);
+        else error_colour(fabs((double)depth[i] - (double)truth.t * sqrt(length)), c);
+    }
+    if (status == DF_OK) status = df_image_write_png(argv[3], rgb, SIZE, SIZE, NULL, 0, err);
+    if (renderer) df_renderer_close(renderer);
+    df_rays_free(&rays);
+    df_scene_free(&scene);
+    df_field_free(&field);
+    free(rgb);
+    free(depth);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    static const struct {
+        const char *name, *usage;
+        int least;
+        df_status (*run)(int argc, char **argv, df_error *err);
+    } commands[] = {{"measure", "FILE.csv [--quick] [FIELD...]", 1, command_measure},
+                    {"escape", "[RAYS]", 0, command_escape},
+                    {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, command_field},
+                    {"map", "SHAPE SIZE SOLVE FILE.png [PARAMETER]", 4, command_map}};
+    df_error err = {0};
+    for (int i = 0; i < 4; i++) {
+        if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
+        if (argc - 2 < commands[i].least) break;
+        df_status status = commands[i].run(argc - 2, argv + 2, &err);
+        if (status != DF_OK) fprintf(stderr, "df-lab: %s\n", err.text);
+        return df_exit_code(status);
+    }
+    fprintf(stderr, "usage:\n");
+    for (int i = 0; i < 4; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
+    return 2;
+}
