@@ -68,7 +68,8 @@ static const struct argp_option option_table[] = {
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
-    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), dda (scalar 3DDDA, the reference); default "
+    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), dda (scalar 3DDDA, the reference), "
+     "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); default "
      "auto: the fastest that suits the field and the view", 0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,
      "How a ray is solved in a voxel: midpoint, linear, repeated, marmitt, analytic, robust (default robust)", 0},
@@ -403,7 +404,12 @@ static df_status run(options *opts, session *s, df_error *err) {
 int main(int argc, char **argv) {
     static const struct argp argp = {option_table, on_option, "FIELD\n--from PICTURE [FIELD]",
                                      "Ray traces the surface of a signed distance field (.dfield, made by df-convert).", 0, 0, 0};
-    argp_program_version = "df-render " DF_VERSION;
+    static char version[256];
+    snprintf(version, sizeof version, "df-render " DF_VERSION "\ntracers:");
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        snprintf(version + strlen(version), sizeof version - strlen(version), " %s", (*tracer)->name);
+    }
+    argp_program_version = version;
     argp_err_exit_status = 2;
     df_interrupt_install("df-render");
     options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64, .isa = "auto", .bench_repeats = 5,

@@ -40,8 +40,8 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
         for (uint32_t i = 0; i < DF_LANES; i++) {
             const uint32_t from = first + (i < lanes ? i : 0);
             const uint32_t voxel[3] = {hits->cell[0][from], hits->cell[1][from], hits->cell[2][from]};
-            if (quick) df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
-            else df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
+            if (!hits->has_normals && quick) df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
+            else if (!hits->has_normals) df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
             for (int a = 0; a < 3; a++) in.direction[a][i] = job->tile->rays.direction[a][hits->ray[from]];
         }
         lf stencil[64], local[3], gradient[3], direction[3], toward_eye[3], normal[3];
@@ -50,7 +50,8 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
             local[a] = lf_load(hits->local[a] + first);
             direction[a] = lf_load(in.direction[a]);
         }
-        df_gradient(job->gradient, stencil, local, gradient);
+        if (!hits->has_normals) df_gradient(job->gradient, stencil, local, gradient);
+        for (int a = 0; a < 3 && hits->has_normals; a++) gradient[a] = lf_load(hits->normal[a] + first) * size[a];
         df_shade_toward_eye(direction, size, toward_eye);
         df_shade_normal(gradient, inverse_size, toward_eye, normal);
         float light[DF_LANES], normals[3][DF_LANES];

@@ -1,2 +1,20 @@
-# Triangle meshes of fields, and pictures of them.
-target_sources(distfield-render PRIVATE export.c marching_cubes.c mc_cell.c mc_octree.c mesh_file.c)
+# Triangle meshes of fields, and pictures of them. Embree and EGL are optional: without them their tracers are not there.
+target_sources(distfield-render PRIVATE export.c marching_cubes.c mc_cell.c mc_model.c mc_octree.c mesh_file.c)
+
+find_package(embree 3 CONFIG QUIET)
+if(embree_FOUND)
+    target_sources(distfield-render PRIVATE trace_mc_embree.c)
+    target_compile_definitions(distfield-render PRIVATE DF_HAVE_EMBREE)
+    target_link_libraries(distfield-render PRIVATE embree)
+else()
+    message(STATUS "Embree 3 not found: no --tracer mc-embree")
+endif()
+
+pkg_check_modules(EGL QUIET IMPORTED_TARGET egl opengl)
+if(EGL_FOUND)
+    target_sources(distfield-render PRIVATE trace_mc_raster.c)
+    target_compile_definitions(distfield-render PRIVATE DF_HAVE_EGL)
+    target_link_libraries(distfield-render PRIVATE PkgConfig::EGL)
+else()
+    message(STATUS "EGL and OpenGL not found: no --tracer mc-raster")
+endif()

@@ -5,7 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_dda, NULL};
+const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_dda,
+#ifdef DF_HAVE_EMBREE
+                                        &df_tracer_mc_embree,
+#endif
+#ifdef DF_HAVE_EGL
+                                        &df_tracer_mc_raster,
+#endif
+                                        NULL};
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
 const char *const df_gradient_names[] = {"analytic", "central", "forward", "backward", "corner-central", "corner-forward", NULL};
 
@@ -43,6 +50,7 @@ df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err) {
     for (int a = 0; a < 3; a++) {
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->cell[a], room, sizeof *hits->cell[a], "hits", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->local[a], room, sizeof *hits->local[a], "hits", err);
+        if (status == DF_OK) status = df_alloc_raw((void **)&hits->normal[a], room, sizeof *hits->normal[a], "hits", err);
     }
     if (status != DF_OK) df_hits_free(hits);
     return status;
@@ -56,6 +64,7 @@ void df_hits_free(df_hits *hits) {
     for (int a = 0; a < 3; a++) {
         free(hits->cell[a]);
         free(hits->local[a]);
+        free(hits->normal[a]);
     }
     memset(hits, 0, sizeof *hits);
 }

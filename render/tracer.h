@@ -23,6 +23,8 @@ typedef struct df_hits {
     uint8_t *flags;
     float *local[3];   /* position in the cell, [0,1]^3 */
     double *t;         /* along the ray as the caller knows it: t_base included */
+    float *normal[3];  /* world directions towards the outside, of any length: of tracers that draw something else than the field */
+    bool has_normals;  /* set by such tracers; otherwise shading takes the field's gradient */
 } df_hits;
 
 df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err);
@@ -72,6 +74,7 @@ struct df_tracer {
 };
 
 extern const df_tracer df_tracer_dda, df_tracer_packet, df_tracer_splat;
+extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
 /* All tracers that were built in, the fastest first, ended by NULL. */
 extern const df_tracer *const df_tracers[];

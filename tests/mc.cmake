@@ -3,3 +3,4 @@ find_package(CGAL REQUIRED)
 df_test(test_mc_mesh LABELS unit LIBS distfield-render CGAL::CGAL SOURCES fields.c mesh_check.c mesh_judge.cpp)
 set_source_files_properties(mesh_judge.cpp PROPERTIES COMPILE_OPTIONS "-Wno-shadow") # CGAL's headers
 df_script_test(test_export_mesh LABELS unit)
+df_script_test(test_mc_tracers LABELS unit)
