@@ -97,7 +97,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     }
     df_status status = df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
     if (status != DF_OK) return status;
-    const df_opencl_options options = {.solve = d->frame.solve,
+    const df_opencl_options options = {.tracer = d->options.tracer,
+                                       .solve = d->frame.solve,
                                        .steps = d->frame.steps,
                                        .gradient = d->frame.gradient,
                                        .group = {d->options.group[0], d->options.group[1]},

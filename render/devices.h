@@ -26,7 +26,8 @@ typedef struct df_devices df_devices;
 
 typedef struct df_devices_options {
     df_device_choice choice;
-    uint32_t group[2]; /* df_opencl_options */
+    df_opencl_tracer tracer; /* of OpenCL devices, and their work groups: df_opencl_options */
+    uint32_t group[2];
     FILE *messages;    /* where the log of a failed build goes and what "auto" has to say; NULL: nowhere */
     const char *program; /* stands before messages */
 } df_devices_options;

@@ -40,8 +40,8 @@ typedef struct options {
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS,
-       KEY_MESH, KEY_MESH_TOPOLOGY };
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_KERNEL,
+       KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS, KEY_MESH, KEY_MESH_TOPOLOGY };
 
 static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Camera (world units)", 1},
@@ -85,6 +85,7 @@ static const struct argp_option option_table[] = {
      "picture, or auto: a GPU where there is one, else the CPU. The picture is the same",
      0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
+    {"kernel", KEY_KERNEL, "NAME", 0, "How OpenCL devices find hits: dda, each ray alone (default), or cgt, work groups as packets", 0},
     {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
     {"isa", KEY_ISA, "NAME", 0, "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
@@ -133,6 +134,12 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case KEY_NORMALS: opts->normals_path = argument; return 0;
     case KEY_DEVICE: check(state, df_devices_parse(argument, &opts->devices.choice, &err), &err); return 0;
     case KEY_LIST_DEVICES: opts->list_devices = true; return 0;
+    case KEY_KERNEL: {
+        uint32_t number = 0;
+        check(state, df_parse_name("--kernel", argument, df_opencl_tracer_names, &number, &err), &err);
+        opts->devices.tracer = (df_opencl_tracer)number;
+        return 0;
+    }
     case KEY_WORK_GROUP:
         check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err), &err);
         return 0;

@@ -10,14 +10,19 @@
 #include <stdlib.h>
 #include <string.h>
 
+const char *const df_opencl_tracer_names[] = {"dda", "cgt", NULL};
+
+/* Floats of local memory that df_cgt_view wants for each work item: DF_CGT_VALUES of kernels/cgt.cl. */
+#define CGT_VALUES 9
+
 /* A buffer that grows. */
 typedef struct frame_buffer {
     cl_mem memory;
     uint64_t size;
 } frame_buffer;
 
-enum { KERNEL_TRACE_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
-static const char *const kernel_names[KERNEL_COUNT] = {"df_trace_view", "df_shade_view", "df_trace_rays", "df_solve_rays"};
+enum { KERNEL_TRACE_VIEW, KERNEL_CGT_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
+static const char *const kernel_names[KERNEL_COUNT] = {"df_trace_view", "df_cgt_view", "df_shade_view", "df_trace_rays", "df_solve_rays"};
 
 enum { SCENE_SAMPLES, SCENE_EXPONENTS, SCENE_COARSE, SCENE_MASKS, SCENE_ARRAYS };
 enum { SCENE_ARGUMENTS = 5 }; /* of every kernel: the grid and the arrays */
@@ -248,9 +253,12 @@ static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_
     df_status status = grow(r, &r->found, pixels, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, pixels * 16, "hits", err);
     const kernel_argument arguments[] = {{sizeof *view, view}, ARGUMENT(first_row), ARGUMENT(row_count), ARGUMENT(isolate),
-                                         ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(counts)};
-    cl_kernel kernel = r->kernels[KERNEL_TRACE_VIEW];
-    if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, sizeof arguments / sizeof arguments[0], err);
+                                         ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(counts),
+                                         {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
+    const bool packets = r->options.tracer == DF_OPENCL_CGT;
+    const uint32_t argument_count = sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
+    cl_kernel kernel = r->kernels[packets ? KERNEL_CGT_VIEW : KERNEL_TRACE_VIEW];
+    if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
     return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
 }
 

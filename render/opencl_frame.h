@@ -1,5 +1,5 @@
 /*
- * Pictures and hits from one OpenCL device: the 3DDDA of the scalar tracer, its solves, gradients and shading.
+ * Pictures and hits from one OpenCL device: walks, solves, gradients and shading are the texts of the CPU.
  *
  * The field is uploaded once, when a renderer is opened, and stays; views and methods go with every call. On a device whose float division and
  * square root are correctly rounded (df_opencl_info) the results are those of the CPU, bit for bit, but for the closed-form solve, whose
@@ -13,7 +13,16 @@
 #include "render/frame.h"
 #include "render/opencl_device.h"
 
+/* How first hits are found in views; arbitrary rays always walk alone. */
+typedef enum df_opencl_tracer {
+    DF_OPENCL_DDA = 0, /* each ray walks alone */
+    DF_OPENCL_CGT,     /* a work group is a packet of rays that visits the grid slice by slice */
+    DF_OPENCL_TRACER_COUNT
+} df_opencl_tracer;
+extern const char *const df_opencl_tracer_names[]; /* "dda", "cgt", NULL */
+
 typedef struct df_opencl_options {
+    df_opencl_tracer tracer;
     int solve, steps; /* as in df_frame_options */
     int gradient;
     uint32_t group[2]; /* work items of a work group in x and y; 0: 8 x 8, or less where the device has no room */

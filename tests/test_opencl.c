@@ -116,8 +116,8 @@ static void scalar_picture(const df_scene *scene, int solve, int gradient, const
     df_renderer_close(renderer);
 }
 
-static df_opencl_renderer *open_renderer(const df_scene *scene, int solve, int gradient) {
-    const df_opencl_options options = {.solve = solve, .gradient = gradient, .log = stderr};
+static df_opencl_renderer *open_renderer(const df_scene *scene, df_opencl_tracer tracer, int solve, int gradient) {
+    const df_opencl_options options = {.tracer = tracer, .solve = solve, .gradient = gradient, .log = stderr};
     df_opencl_renderer *renderer;
     df_error err;
     df_status status = df_opencl_renderer_open(&devices[device], scene, &options, &renderer, &err);
@@ -125,24 +125,33 @@ static df_opencl_renderer *open_renderer(const df_scene *scene, int solve, int g
     return renderer;
 }
 
-/* The scalar picture and the device's are the same bytes; for the closed form, whose functions are the device's own, within 1e-5. */
+static void compare(const df_picture *expected, const df_picture *got, int solve) {
+    if (solve != DF_SOLVE_ANALYTIC && devices[device].correctly_rounded) {
+        assert_same_picture(expected, got);
+        return;
+    }
+    for (size_t i = 0; i < (size_t)got->width * got->height; i++) {
+        assert_int_equal(isinf(expected->depth[i]), isinf(got->depth[i]));
+        if (!isinf(got->depth[i])) assert_true(fabsf(expected->depth[i] - got->depth[i]) <= 1e-5f + expected->depth[i] * 0x1p-22f);
+    }
+}
+
+/* The scalar picture and the device's are the same bytes, whatever its tracer; for the closed form, whose functions are the device's own, within
+ * 1e-5. */
 static void compare_pictures(const df_scene *scene, int solve, int gradient, const df_view *view) {
     df_picture expected = {0}, got = {0};
     df_error err;
     alloc_picture(view, &expected);
     alloc_picture(view, &got);
     scalar_picture(scene, solve, gradient, view, &expected, NULL);
-    df_opencl_renderer *renderer = open_renderer(scene, solve, gradient);
-    assert_int_equal(df_opencl_renderer_rows(renderer, view, 0, view->height, &got, NULL, &err), DF_OK);
-    if (solve != DF_SOLVE_ANALYTIC && devices[device].correctly_rounded) {
-        assert_same_picture(&expected, &got);
-    } else {
-        for (size_t i = 0; i < (size_t)view->width * view->height; i++) {
-            assert_int_equal(isinf(expected.depth[i]), isinf(got.depth[i]));
-            if (!isinf(got.depth[i])) assert_true(fabsf(expected.depth[i] - got.depth[i]) <= 1e-5f + expected.depth[i] * 0x1p-22f);
-        }
+    for (df_opencl_tracer tracer = DF_OPENCL_DDA; tracer < DF_OPENCL_TRACER_COUNT; tracer++) {
+        if (!full && tracer == DF_OPENCL_CGT && scene->field->sample_type != DF_SAMPLE_F32) continue; /* kernels take seconds to build */
+        df_opencl_renderer *renderer = open_renderer(scene, tracer, solve, gradient);
+        memset(got.rgb, 1, 3u * view->width * view->height);
+        assert_int_equal(df_opencl_renderer_rows(renderer, view, 0, view->height, &got, NULL, &err), DF_OK);
+        compare(&expected, &got, solve);
+        df_opencl_renderer_close(renderer);
     }
-    df_opencl_renderer_close(renderer);
     free_picture(&expected);
     free_picture(&got);
 }
@@ -219,7 +228,7 @@ static void strips_of_rows_make_the_picture_and_counts_are_equal(void **state) {
     alloc_picture(&view, &expected);
     alloc_picture(&view, &got);
     scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, &stats);
-    df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
+    df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
     const uint32_t cuts[] = {0, 0, 1, 9, 50, 83, 83};
     for (size_t i = 0; i + 1 < sizeof cuts / sizeof cuts[0]; i++) {
         assert_int_equal(df_opencl_renderer_rows(renderer, &view, cuts[i], cuts[i + 1] - cuts[i], &got, &times, &err), DF_OK);
@@ -254,7 +263,7 @@ static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
         const double box[3] = {scene.voxel_count[0], scene.voxel_count[1], scene.voxel_count[2]};
         test_random_rays(COUNT, 77 + (uint64_t)s, box, origins, directions);
         assert_int_equal(test_trace(&df_tracer_dda, &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT, &rays, expected, &err), DF_OK);
-        df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
+        df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
         assert_int_equal(df_hits_alloc(COUNT, &hits, &err), DF_OK);
         assert_int_equal(df_opencl_renderer_trace(renderer, &rays, &hits, NULL, &err), DF_OK);
         uint32_t h = 0;
@@ -336,12 +345,12 @@ static void work_groups_of_any_shape_make_the_same_picture_or_are_refused(void *
     alloc_picture(&view, &expected);
     alloc_picture(&view, &got);
     scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 8; i++) {
         const df_opencl_options options = {
-            .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .group = {groups[i][0], groups[i][1]}, .log = stderr};
+            .tracer = i < 4 ? DF_OPENCL_DDA : DF_OPENCL_CGT, .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .group = {groups[i % 4][0], groups[i % 4][1]}, .log = stderr};
         df_opencl_renderer *renderer;
         df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
-        assert_int_equal(status, i < 3 ? DF_OK : DF_ERROR_UNSUPPORTED);
+        assert_int_equal(status, i % 4 < 3 ? DF_OK : DF_ERROR_UNSUPPORTED);
         if (status != DF_OK) continue;
         assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &got, NULL, &err), DF_OK);
         if (devices[device].correctly_rounded) assert_same_picture(&expected, &got);
@@ -396,7 +405,7 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
     make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
     make_view(&field, 30, 20, 1.3, 50, 40, &view);
     alloc_picture(&view, &picture);
-    df_opencl_renderer *renderer = open_renderer(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL), *other;
+    df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL), *other;
 
     api->EnqueueNDRangeKernel = fail_launch;
     assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_UNSUPPORTED);

@@ -10,27 +10,24 @@
 
 /* ---- finding ---- */
 
-static inline void df_find(const df_scene *scene, int isolate, const float origin[3], const float direction[3], const float inverse[3],
-                           size_t i, size_t count, __global uchar *found, __global uint4 *candidates, __global uint *counts) {
-    dda_ray ray;
-    for (int a = 0; a < 3; a++) {
-        ray.origin[a] = origin[a];
-        ray.direction[a] = direction[a];
-        ray.inverse[a] = inverse[a];
+/* What a ray has found, at index i of the arrays that grid.h describes. */
+static inline void df_store_found(bool hit, const df_candidate *candidate, const df_counters *counters, size_t i, size_t count,
+                                  __global uchar *found, __global uint4 *candidates, __global uint *counts) {
+    if (hit) candidates[i] = (uint4)(candidate->cell[0] | (uint)candidate->cell[1] << 16, candidate->cell[2], candidate->block, 0);
+    found[i] = (uchar)(!hit ? 0 : candidate->flags & DF_HIT_BACK ? DF_FOUND | DF_FOUND_BACK : DF_FOUND);
+    if (counts) {
+        counts[i] = counters->coarse_steps;
+        counts[i + count] = counters->fine_steps;
+        counts[i + 2 * count] = counters->cells_tested;
     }
+}
+
+static inline void df_find(const df_scene *scene, int isolate, const dda_ray *ray, size_t i, size_t count, __global uchar *found,
+                           __global uint4 *candidates, __global uint *counts) {
     df_candidate candidate;
     df_counters counters = {0, 0, 0};
-    uint flags = 0;
-    if (dda_walk_scene(scene, isolate != 0, &ray, &candidate, &counters)) {
-        flags = candidate.flags & DF_HIT_BACK ? DF_FOUND | DF_FOUND_BACK : DF_FOUND;
-        candidates[i] = (uint4)(candidate.cell[0] | (uint)candidate.cell[1] << 16, candidate.cell[2], candidate.block, 0);
-    }
-    found[i] = (uchar)flags;
-    if (counts) {
-        counts[i] = counters.coarse_steps;
-        counts[i + count] = counters.fine_steps;
-        counts[i + 2 * count] = counters.cells_tested;
-    }
+    const bool hit = dda_walk_scene(scene, isolate != 0, ray, &candidate, &counters);
+    df_store_found(hit, &candidate, &counters, i, count, found, candidates, counts);
 }
 
 /* Rows first_row to first_row + row_count - 1 of a view: writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
@@ -40,12 +37,11 @@ __kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
     const uint x = get_global_id(0), y = get_global_id(1);
     if (x >= view.width || y >= row_count) return;
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    float origin[3], direction[3], inverse[3];
+    dda_ray ray;
     double t_base;
-    df_view_ray(&view, x, first_row + y, origin, direction, &t_base);
-    for (int a = 0; a < 3; a++) inverse[a] = 1.0f / direction[a];
-    df_find(&scene, isolate, origin, direction, inverse, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates,
-            counts);
+    df_view_ray(&view, x, first_row + y, ray.origin, ray.direction, &t_base);
+    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    df_find(&scene, isolate, &ray, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);
 }
 
 /* Arbitrary rays: 9 arrays of `stride` floats, origin x y z, direction x y z and inverse x y z; origin_step 0: all rays share the first
@@ -55,14 +51,16 @@ __kernel void df_trace_rays(DF_SCENE_PARAMETERS, __global const float *rays, uin
     const size_t i = get_global_id(0), pitch = stride;
     if (i >= count) return;
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    float origin[3], direction[3], inverse[3];
+    dda_ray ray;
     for (int a = 0; a < 3; a++) {
-        origin[a] = rays[pitch * a + i * origin_step];
-        direction[a] = rays[pitch * (3 + a) + i];
-        inverse[a] = rays[pitch * (6 + a) + i];
+        ray.origin[a] = rays[pitch * a + i * origin_step];
+        ray.direction[a] = rays[pitch * (3 + a) + i];
+        ray.inverse[a] = rays[pitch * (6 + a) + i];
     }
-    df_find(&scene, isolate, origin, direction, inverse, i, count, found, candidates, counts);
+    df_find(&scene, isolate, &ray, i, count, found, candidates, counts);
 }
+
+#include "render/kernels/cgt.cl"
 
 /* ---- solving and shading ---- */
 
