@@ -413,8 +413,10 @@ int main(int argc, char **argv) {
                                      "Ray traces the surface of a signed distance field (.dfield, made by df-convert).", 0, 0, 0};
     static char version[256];
     snprintf(version, sizeof version, "df-render " DF_VERSION "\ntracers:");
-    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
-        snprintf(version + strlen(version), sizeof version - strlen(version), " %s", (*tracer)->name);
+    for (int list = 0; list < 2; list++) {
+        for (const df_tracer *const *tracer = list ? df_mesh_tracers : df_tracers; *tracer; tracer++) {
+            snprintf(version + strlen(version), sizeof version - strlen(version), " %s", (*tracer)->name);
+        }
     }
     argp_program_version = version;
     argp_err_exit_status = 2;

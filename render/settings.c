@@ -27,8 +27,10 @@ static df_status set_tracer(df_settings *settings, const char *value, df_error *
     char names[512] = "";
     settings->tracer = df_tracer_find(value);
     if (settings->tracer || strcmp(value, "auto") == 0) return DF_OK;
-    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
-        snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
+    for (int list = 0; list < 2; list++) {
+        for (const df_tracer *const *tracer = list ? df_mesh_tracers : df_tracers; *tracer; tracer++) {
+            snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
+        }
     }
     return df_fail(err, DF_ERROR_USAGE, "--tracer %s: expected one of auto%s", value, names);
 }

@@ -5,19 +5,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_dda,
+const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_dda, NULL};
+const df_tracer *const df_mesh_tracers[] = {
 #ifdef DF_HAVE_EMBREE
-                                        &df_tracer_mc_embree,
+    &df_tracer_mc_embree,
 #endif
 #ifdef DF_HAVE_EGL
-                                        &df_tracer_mc_raster,
+    &df_tracer_mc_raster,
 #endif
-                                        NULL};
+    NULL};
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
 const char *const df_gradient_names[] = {"analytic", "central", "forward", "backward", "corner-central", "corner-forward", NULL};
 
 const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if (strcmp((*tracer)->name, name) == 0) return *tracer;
+    }
+    for (const df_tracer *const *tracer = df_mesh_tracers; *tracer; tracer++) {
         if (strcmp((*tracer)->name, name) == 0) return *tracer;
     }
     return NULL;

@@ -3,7 +3,7 @@
  *
  * A tracer gets a tile of rays and returns its hits; it knows nothing of gradients and colours. They are a second pass over hits
  * (frame.h), the same for all tracers. A tile is usually a small rectangle of pixels, traced by one thread of many; for a tracer with
- * whole_frame set it is the whole picture; and without a view it is a buffer of arbitrary rays. All tracers give the same hits, bit for
+ * whole_frame set it is the whole picture; and without a view it is a buffer of arbitrary rays. All tracers of df_tracers give the same hits, bit for
  * bit, for the same solve.
  */
 #ifndef DF_TRACER_H
@@ -76,8 +76,9 @@ struct df_tracer {
 extern const df_tracer df_tracer_dda, df_tracer_packet, df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
-/* All tracers that were built in, the fastest first, ended by NULL. */
+/* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in; ended by NULL. */
 extern const df_tracer *const df_tracers[];
+extern const df_tracer *const df_mesh_tracers[];
 const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
 
 /* The fastest tracer that suits a scene and a view: what --tracer auto takes. */
