@@ -68,7 +68,7 @@ static const struct argp_option option_table[] = {
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
-    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), dda (scalar 3DDDA, the reference), "
+    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); default "
      "auto: the fastest that suits the field and the view", 0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,

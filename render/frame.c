@@ -149,8 +149,8 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     const double start = df_now_ms();
     const df_tracer *tracer = renderer->options.tracer;
     if (tracer->suits && !tracer->suits(renderer->scene, view)) {
-        return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this view (the eye is too far away): choose auto or dda",
-                       tracer->name);
+        return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this field from here (%s): choose auto",
+                       tracer->name, renderer->scene->levels == 0 ? "an octree" : view->rebase ? "the eye is too far away" : "its structure");
     }
     if (tracer->begin_frame) {
         df_status status = tracer->begin_frame(renderer->tracer_state, view, first_row, row_count, err);

@@ -27,7 +27,8 @@ static void write_pixel(const df_shade_job *job, const df_hits *hits, uint32_t i
 void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     const df_view *view = job->tile->view;
     const bool beyond = job->gradient != DF_GRADIENT_ANALYTIC;
-    const bool quick = beyond && job->scene->field->sample_type == DF_SAMPLE_F32;
+    const bool octree = job->scene->levels == 0;
+    const bool quick = beyond && !octree && job->scene->field->sample_type == DF_SAMPLE_F32;
     lf size[3], inverse_size[3];
     columns in;
     memset(&in, 0, sizeof in);
@@ -40,8 +41,16 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
         for (uint32_t i = 0; i < DF_LANES; i++) {
             const uint32_t from = first + (i < lanes ? i : 0);
             const uint32_t voxel[3] = {hits->cell[0][from], hits->cell[1][from], hits->cell[2][from]};
-            if (!hits->has_normals && quick) df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
-            else if (!hits->has_normals) df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
+            const uint32_t size_log2 = hits->flags[from] >> DF_HIT_SIZE_SHIFT; /* scales the gradient, which the normal does not feel */
+            if (hits->has_normals) {
+                /* the tracer's own */
+            } else if (quick) {
+                df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
+            } else if (octree) {
+                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond, &in.stencil[0][i], DF_LANES);
+            } else {
+                df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
+            }
             for (int a = 0; a < 3; a++) in.direction[a][i] = job->tile->rays.direction[a][hits->ray[from]];
         }
         lf stencil[64], local[3], gradient[3], direction[3], toward_eye[3], normal[3];

@@ -17,12 +17,13 @@ enum { N = DF_DOUBLE_LANES };
 
 /* The inputs of N cells as columns. */
 typedef struct batch {
-    float origin[3][N], direction[3][N], cell[3][N], corner[8][N], inside[N];
+    float origin[3][N], direction[3][N], cell[3][N], size[N], corner[8][N], inside[N];
 } batch;
 
 static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *c, batch *in, int lane) {
     const uint32_t voxel[3] = {c->cell[0], c->cell[1], c->cell[2]};
-    if (scene->field->sample_type == DF_SAMPLE_F32) {
+    in->size[lane] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
+    if (scene->field->sample_type == DF_SAMPLE_F32 && scene->levels) {
         const df_fetch f = df_fetch_corner(scene, voxel, c->block);
         for (int k = 0; k < 8; k++) {
             in->corner[k][lane] = f.corner[(k & 1) + (k & 2 ? f.row : 0) + (k & 4 ? f.slice : 0)] - scene->iso;
@@ -64,7 +65,7 @@ static void solve_batch(const batch *in, const df_trace_options *options, int st
     for (int k = 0; k < 8; k++) corner[k] = ld_load_f32(in->corner[k]);
     const ldm inside = ld_lt(ld_set(0), ld_load_f32(in->inside));
     df_segment_f64 segment;
-    df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, ld_set(1), &segment);
+    df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, ld_load_f32(in->size), &segment);
     df_bernstein_f64(corner, segment.a, segment.b, bern);
     ld s = options->solve == DF_SOLVE_ANALYTIC ? solve_analytic(bern, inside)
                                                : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));

@@ -15,6 +15,7 @@ void df_scene_free(df_scene *scene) {
 }
 
 const char *df_scene_structure_name(const df_scene *scene) {
+    if (scene->field->kind == DF_FIELD_ADF) return "adf";
     if (scene->field->kind == DF_FIELD_BRICKS) return scene->k == 8 ? "bricks k=8" : "bricks k=4";
     if (scene->levels == 1) return "dense";
     return scene->k == 8 ? "dense 2-level k=8" : "dense 2-level k=4";
@@ -28,6 +29,11 @@ static float decode(const df_field *field, uint64_t index, uint32_t block) {
 void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8]) {
     const df_field *field = scene->field;
     uint64_t at, row, slice;
+    if (field->kind == DF_FIELD_ADF) {
+        df_adf_corners(field, block >> 3, block & 7, corner);
+        for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
+        return;
+    }
     if (field->kind == DF_FIELD_BRICKS) {
         uint32_t side = scene->k + 1, mask = scene->k - 1;
         row = side;
@@ -111,6 +117,55 @@ void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t b
         stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = decode(scene->field, at, block);
     }
     for (int face = 0; beyond && face < 6; face++) stencil_face(scene, voxel, block, face >> 1, face & 1, stencil, step);
+}
+
+/* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
+static bool leaf_sample(const df_field *field, const int64_t at[3], float *value) {
+    double grid[3], local[3];
+    df_adf_cell cell;
+    float corners[8];
+    for (int a = 0; a < 3; a++) {
+        if (at[a] < 0 || at[a] > (int64_t)1 << field->level_count) return false;
+        grid[a] = (double)at[a];
+    }
+    df_adf_find(field, grid, DF_LEVEL_COUNT_MAX, &cell);
+    df_adf_corners(field, cell.family, cell.child, corners);
+    for (int a = 0; a < 3; a++) local[a] = (grid[a] - cell.corner[a]) / cell.side;
+    *value = (float)df_trilinear(corners, local);
+    return true;
+}
+
+void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2, bool beyond,
+                           float *stencil, size_t step) {
+    const df_field *field = scene->field;
+    const int stride[3] = {1, 4, 16};
+    const int64_t size = (int64_t)1 << size_log2;
+    const uint32_t child = block & 7;
+    float corners[8];
+    df_adf_corners(field, block >> 3, child, corners);
+    for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
+    for (int face = 0; beyond && face < 6; face++) {
+        const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
+        float sibling[8]; /* the neighbour within the family, when it is on that side */
+        const bool within = (child >> axis & 1) != (uint32_t)after;
+        if (within) df_adf_corners(field, block >> 3, child ^ 1u << axis, sibling);
+        for (int i = 0; i < 4; i++) {
+            const int at = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1) * stride[v];
+            float *out = &stencil[(size_t)(at + (after ? 2 : -1) * stride[axis]) * step];
+            if (within) {
+                *out = sibling[(i & 1) << u | (i >> 1) << v | after << axis];
+                continue;
+            }
+            int64_t place[3];
+            place[axis] = (int64_t)corner[axis] + (after ? 2 * size : -size);
+            place[u] = (int64_t)corner[u] + (i & 1) * size;
+            place[v] = (int64_t)corner[v] + (i >> 1) * size;
+            if (leaf_sample(field, place, out)) continue;
+            const float near = stencil[(size_t)(at + (after ? stride[axis] : 0)) * step];
+            const float next = stencil[(size_t)(at + (after ? 0 : stride[axis])) * step];
+            *out = (near + near) - next;
+        }
+    }
 }
 
 /* ---- masks ---- */
@@ -268,6 +323,9 @@ static df_status prepare_bricks(df_scene *scene, df_error *err) {
 }
 
 static df_status check_options(const df_scene *scene, const df_scene_options *options, df_error *err) {
+    if (scene->field->kind == DF_FIELD_ADF && (options->levels || options->coarse)) {
+        return df_fail(err, DF_ERROR_USAGE, "--levels and --coarse are for dense fields: this one is an octree");
+    }
     if (scene->field->kind != DF_FIELD_BRICKS) return DF_OK;
     if (options->levels == 1) return df_fail(err, DF_ERROR_USAGE, "--levels 1: a field of bricks has two levels");
     if (options->coarse && options->coarse != scene->field->brick_size) {
@@ -281,15 +339,15 @@ df_status df_scene_prepare(const df_field *field, float iso, const df_scene_opti
     memset(scene, 0, sizeof *scene);
     scene->field = field;
     scene->iso = iso;
-    if (field->kind == DF_FIELD_ADF) return df_fail(err, DF_ERROR_UNSUPPORTED, "this version cannot trace octrees yet");
     df_status status = check_options(scene, options, err);
     if (status != DF_OK) return status;
+    for (int a = 0; a < 3; a++) scene->voxel_count[a] = field->voxel_count[a];
+    if (field->kind == DF_FIELD_ADF) return DF_OK; /* traced as it is */
     bool bricks = field->kind == DF_FIELD_BRICKS;
     scene->levels = !bricks && options->levels == 1 ? 1 : 2;
     scene->k = bricks ? field->brick_size : options->coarse ? options->coarse : 8;
     scene->k_shift = scene->k == 8 ? 3 : 2;
     for (int a = 0; a < 3; a++) {
-        scene->voxel_count[a] = field->voxel_count[a];
         scene->coarse_count[a] = (field->voxel_count[a] + scene->k - 1) / scene->k;
     }
     if (bricks) status = prepare_bricks(scene, err);

@@ -20,7 +20,7 @@ typedef struct df_scene {
     const df_field *field;
     float iso;
     uint32_t voxel_count[3];
-    uint32_t levels;
+    uint32_t levels;          /* of the walk: 1 or 2; 0: an octree, and the following are not used */
     uint32_t k, k_shift;      /* voxels along a coarse cell, and its logarithm */
     uint32_t coarse_count[3];
     const uint32_t *coarse;   /* by coarse cell: block index, DF_CELL_OUTSIDE or DF_CELL_INSIDE */
@@ -42,12 +42,17 @@ void df_scene_free(df_scene *scene);
 /* A short name of what is walked: "dense", "dense 2-level k=8", "bricks k=8". */
 const char *df_scene_structure_name(const df_scene *scene);
 
-/* The 8 corner values of a voxel minus iso. block: of its coarse cell when the field is made of bricks, else ignored. */
+/* The 8 corner values of a voxel minus iso. block: of its coarse cell when the field is made of bricks; 8 * family + child for a leaf of an
+ * octree, whose lower corner `voxel` is; else ignored. */
 void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8]);
 
 /* The stencil of a voxel (gradient.h), values as stored; entry i goes to stencil[i * step]. Without `beyond` only the 8 corners
  * of the voxel. */
 void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil, size_t step);
+
+/* The same for a leaf of an octree with edges of 2^size_log2 voxels: the samples lie that far apart. */
+void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2, bool beyond,
+                           float *stencil, size_t step);
 
 /* The block of a voxel's coarse cell, or DF_CELL_OUTSIDE or DF_CELL_INSIDE. levels = 2 only. */
 static inline uint32_t df_scene_block(const df_scene *scene, uint32_t x, uint32_t y, uint32_t z) {

@@ -1,6 +1,7 @@
 /*
  * The scalar 3DDDA, ray by ray: the specification of what every tracer returns.
  */
+#include "render/adf.h"
 #include "render/dda.h"
 #include "common/memory.h"
 #include "render/kernels.h"
@@ -19,6 +20,7 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
     const dda_state *state = opaque;
     const df_rays *rays = &tile->rays;
     df_candidate *candidates = state->candidates[thread];
+    const bool isolate = DF_SOLVE_ISOLATES(state->options.solve);
     uint32_t count = 0;
     for (uint32_t i = 0; i < rays->count; i++) {
         dda_ray ray;
@@ -28,7 +30,8 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
             ray.inverse[a] = rays->inverse[a][i];
         }
         candidates[count].ray = i;
-        count += dda_walk_scene(state->scene, DF_SOLVE_ISOLATES(state->options.solve), &ray, &candidates[count], counters);
+        count += state->scene->levels ? dda_walk_scene(state->scene, isolate, &ray, &candidates[count], counters)
+                                      : adf_walk_scene(state->scene, isolate, &ray, &candidates[count], counters);
     }
     state->options.kernels->solve(state->scene, &state->options, rays, candidates, count, hits);
     return DF_OK;
@@ -64,10 +67,30 @@ static df_status dda_prepare(const df_scene *scene, const df_trace_options *opti
     return DF_OK;
 }
 
+static bool dda_suits(const df_scene *scene, const df_view *view) {
+    (void)view;
+    return scene->levels != 0;
+}
+
+static bool adf_suits(const df_scene *scene, const df_view *view) {
+    (void)view;
+    return scene->levels == 0;
+}
+
+const df_tracer df_tracer_adf = {
+    .name = "adf",
+    .summary = "the leaves of an octree from front to back, one ray at a time",
+    .prepare = dda_prepare,
+    .release = dda_release,
+    .suits = adf_suits,
+    .trace = dda_trace,
+};
+
 const df_tracer df_tracer_dda = {
     .name = "dda",
     .summary = "scalar 3DDDA, one ray at a time: the reference",
     .prepare = dda_prepare,
     .release = dda_release,
+    .suits = dda_suits,
     .trace = dda_trace,
 };

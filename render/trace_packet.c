@@ -13,6 +13,7 @@ typedef struct packet_state {
 
 /* The gathers of packets take signed 32-bit indices. */
 static bool indices_fit(const df_scene *scene) {
+    if (scene->levels == 0) return false;
     if (scene->levels == 1) {
         return (uint64_t)scene->row_words * 64 * scene->voxel_count[1] * scene->voxel_count[2] <= INT32_MAX;
     }

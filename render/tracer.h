@@ -14,12 +14,13 @@
 
 /* Hits as arrays, only those that there are, in any order. The arrays hold DF_RAY_PADDING entries more than capacity, so that
  * whole vectors may be stored at the end. */
-#define DF_HIT_BACK 1u /* the ray came from inside: what it sees is a back face */
+#define DF_HIT_BACK 1u       /* the ray came from inside: what it sees is a back face */
+#define DF_HIT_SIZE_SHIFT 4   /* from here on: the binary logarithm of the cell's size in voxels; 0 but for octrees */
 typedef struct df_hits {
     uint32_t count, capacity;
     uint32_t *ray;     /* index of the ray in its tile */
-    uint16_t *cell[3]; /* the voxel */
-    uint32_t *block;   /* its brick or mask block (df_scene_block); 0 for uniform fields */
+    uint16_t *cell[3]; /* the voxel, or the lower corner of the leaf */
+    uint32_t *block;   /* its brick or mask block (df_scene_block); 0 for uniform fields; of a leaf 8 * family + child */
     uint8_t *flags;
     float *local[3];   /* position in the cell, [0,1]^3 */
     double *t;         /* along the ray as the caller knows it: t_base included */
@@ -73,7 +74,7 @@ struct df_tracer {
     df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
 };
 
-extern const df_tracer df_tracer_dda, df_tracer_packet, df_tracer_splat;
+extern const df_tracer df_tracer_adf, df_tracer_dda, df_tracer_packet, df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
 /* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in; ended by NULL. */

@@ -15,13 +15,13 @@
 
 #define RAYS 60000u
 
-/* A field in several structures: dense uniform, dense with two levels, bricks. */
+/* A field in several structures: dense uniform, dense with two levels, bricks, a full octree. */
 typedef struct variant {
     df_field_kind kind;
     uint32_t k, levels;
 } variant;
 static const variant variants[] = {
-    {DF_FIELD_DENSE, 8, 1}, {DF_FIELD_DENSE, 8, 2}, {DF_FIELD_DENSE, 4, 2}, {DF_FIELD_BRICKS, 8, 2}, {DF_FIELD_BRICKS, 4, 2}};
+    {DF_FIELD_DENSE, 8, 1}, {DF_FIELD_DENSE, 8, 2}, {DF_FIELD_DENSE, 4, 2}, {DF_FIELD_BRICKS, 8, 2}, {DF_FIELD_BRICKS, 4, 2}, {DF_FIELD_ADF, 0, 0}};
 enum { VARIANT_COUNT = sizeof variants / sizeof variants[0] };
 
 typedef struct fixture {
@@ -35,6 +35,11 @@ static void open_variant(fixture *f, const variant *v, const uint32_t count[3], 
     if (test_field_from_function(&f->field, v->kind, v->k, count, function, context, &err)) fail_msg("%s", err.text);
     const df_scene_options options = {v->levels, v->k};
     if (df_scene_prepare(&f->field, iso, &options, &f->scene, &err)) fail_msg("%s", err.text);
+}
+
+/* The reference for a structure. */
+static const df_tracer *tracer_of(const variant *v) {
+    return v->kind == DF_FIELD_ADF ? &df_tracer_adf : &df_tracer_dda;
 }
 
 static void close_variant(fixture *f) {
@@ -130,7 +135,7 @@ static void every_hit_lies_on_the_sphere_and_none_is_missed(void **unused) {
         ray_set set;
         uint32_t hits = 0;
         open_variant(&f, &variants[v], count, sphere_distance, &s, 0);
-        trace(&f, &df_tracer_dda, DF_SOLVE_ROBUST, RAYS, 1, &set);
+        trace(&f, tracer_of(&variants[v]), DF_SOLVE_ROBUST, RAYS, 1, &set);
         for (uint32_t i = 0; i < RAYS; i++) {
             double p[3], nearest = approach(&set, i, s.centre);
             if (set.hits[i].hit) {
@@ -176,7 +181,7 @@ static void structures_agree_to_the_bit(void **unused) {
             fixture f;
             ray_set set;
             open_variant(&f, &variants[v], count, torus_distance, &s, 0);
-            trace(&f, &df_tracer_dda, solve, RAYS / 4, 3, &set);
+            trace(&f, tracer_of(&variants[v]), solve, RAYS / 4, 3, &set);
             if (v == 0) {
                 reference = set;
             } else {
@@ -234,7 +239,7 @@ static void a_box_on_grid_planes_is_watertight(void **unused) {
         df_rays rays;
         df_error err;
         open_variant(&f, &variants[v], count, box_distance, NULL, 0);
-        if (test_trace(&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, N, &rays, hits, &err)) fail_msg("%s", err.text);
+        if (test_trace(tracer_of(&variants[v]), &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, N, &rays, hits, &err)) fail_msg("%s", err.text);
         for (uint32_t i = 0; i < N; i++) {
             if (!hits[i].hit) fail_msg("ray %u slips through the box (variant %d)", i, v);
             if (fabs(hits[i].t - 24) > 1e-6) fail_msg("ray %u hits at %.9g, not 24", i, hits[i].t);
@@ -406,7 +411,7 @@ static void small_and_empty_fields_are_no_trouble(void **unused) {
             fixture f;
             ray_set set;
             open_variant(&f, &variants[v], count, sphere_distance, &s, 0);
-            trace(&f, &df_tracer_dda, DF_SOLVE_ROBUST, 2000, 8, &set);
+            trace(&f, tracer_of(&variants[v]), DF_SOLVE_ROBUST, 2000, 8, &set);
             free_set(&set);
             close_variant(&f);
         }

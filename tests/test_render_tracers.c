@@ -65,7 +65,7 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
     uint32_t hits = 0;
     picture reference = new_picture(width, height), other = new_picture(width, height);
     if (df_view_make(camera, scene->field, width, height, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options plain = {&df_tracer_dda, solve, 0, gradient, 64, 1, NULL};
+    const df_frame_options plain = {scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL};
     draw(scene, &view, &plain, &reference);
     for (uint32_t i = 0; i < width * height; i++) hits += isfinite(reference.depth[i]);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -107,8 +107,8 @@ static void tracers_agree_on_pictures(void **unused) {
     static const struct {
         df_field_kind kind;
         uint32_t k;
-    } kinds[] = {{DF_FIELD_BRICKS, 8}, {DF_FIELD_BRICKS, 4}, {DF_FIELD_DENSE, 8}};
-    for (int i = 0; i < 3; i++) {
+    } kinds[] = {{DF_FIELD_BRICKS, 8}, {DF_FIELD_BRICKS, 4}, {DF_FIELD_DENSE, 8}, {DF_FIELD_ADF, 0}};
+    for (int i = 0; i < 4; i++) {
         df_field field;
         df_scene scene;
         df_camera camera;
