@@ -102,6 +102,7 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
                                        .steps = d->frame.steps,
                                        .gradient = d->frame.gradient,
                                        .group = {d->options.group[0], d->options.group[1]},
+                                       .images = d->options.images,
                                        .log = d->options.messages};
     snprintf(part->name, sizeof part->name, "opencl:%u %s", part->number, d->list[part->number].name);
     return df_opencl_renderer_open(&d->list[part->number], d->scene, &options, &part->opencl, err);

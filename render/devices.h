@@ -28,6 +28,7 @@ typedef struct df_devices_options {
     df_device_choice choice;
     df_opencl_tracer tracer; /* of OpenCL devices, and their work groups: df_opencl_options */
     uint32_t group[2];
+    bool images;
     FILE *messages;    /* where the log of a failed build goes and what "auto" has to say; NULL: nowhere */
     const char *program; /* stands before messages */
 } df_devices_options;

@@ -40,7 +40,7 @@ typedef struct options {
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_KERNEL,
+enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_KERNEL, KEY_GRADIENT_IMAGE,
        KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS, KEY_MESH, KEY_MESH_TOPOLOGY };
 
 static const struct argp_option option_table[] = {
@@ -86,6 +86,7 @@ static const struct argp_option option_table[] = {
      0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
     {"kernel", KEY_KERNEL, "NAME", 0, "How OpenCL devices find hits: dda, each ray alone (default), or cgt, work groups as packets", 0},
+    {"gradient-image", KEY_GRADIENT_IMAGE, 0, 0, "OpenCL devices read samples for gradients from a 3D image (dense fields)", 0},
     {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
     {"isa", KEY_ISA, "NAME", 0, "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
@@ -140,6 +141,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         opts->devices.tracer = (df_opencl_tracer)number;
         return 0;
     }
+    case KEY_GRADIENT_IMAGE: opts->devices.images = true; return 0;
     case KEY_WORK_GROUP:
         check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err), &err);
         return 0;

@@ -34,6 +34,7 @@ struct df_opencl_renderer {
     size_t group[2];
     cl_kernel kernels[KERNEL_COUNT];
     cl_mem arrays[SCENE_ARRAYS], shade_table;
+    cl_mem image; /* of the samples; NULL: gradients read the buffer */
     frame_buffer found, candidates, counts, rgb, depth, normals, rays, t, positions;
     cl_event events[8]; /* of the commands that are under way */
     uint32_t event_count;
@@ -162,11 +163,37 @@ void df_opencl_renderer_close(df_opencl_renderer *r) {
         if (r->arrays[i]) cl->ReleaseMemObject(r->arrays[i]);
     }
     if (r->shade_table) cl->ReleaseMemObject(r->shade_table);
+    if (r->image) cl->ReleaseMemObject(r->image);
     for (int i = 0; i < KERNEL_COUNT; i++) {
         if (r->kernels[i]) cl->ReleaseKernel(r->kernels[i]);
     }
     df_opencl_close(&r->device);
     free(r);
+}
+
+/* A 3D image of the samples of a dense field. */
+static df_status upload_image(df_opencl_renderer *r, df_error *err) {
+    static const cl_channel_type channels[] = {[DF_SAMPLE_F32] = CL_FLOAT, [DF_SAMPLE_U16] = CL_UNSIGNED_INT16, [DF_SAMPLE_U8] = CL_UNSIGNED_INT8};
+    const df_field *field = r->scene->field;
+    const df_opencl_info *info = &r->device.info;
+    const size_t start[3] = {0, 0, 0}, size[3] = {field->voxel_count[0] + 1, field->voxel_count[1] + 1, field->voxel_count[2] + 1};
+    if (field->kind != DF_FIELD_DENSE) return df_fail(err, DF_ERROR_USAGE, "--gradient-image: a field of %s makes no image", df_field_kind_name(field->kind));
+    if (!info->images) return df_fail(err, DF_ERROR_UNSUPPORTED, "--gradient-image: %s has no images", info->name);
+    if (size[0] > info->image3d_max[0] || size[1] > info->image3d_max[1] || size[2] > info->image3d_max[2]) {
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--gradient-image: %s: an image of %zux%zux%zu samples: at most %zux%zux%zu", info->name, size[0],
+                       size[1], size[2], info->image3d_max[0], info->image3d_max[1], info->image3d_max[2]);
+    }
+    const cl_image_format format = {CL_R, channels[field->sample_type]};
+    const cl_image_desc desc = {.image_type = CL_MEM_OBJECT_IMAGE3D, .image_width = size[0], .image_height = size[1], .image_depth = size[2]};
+    cl_event event;
+    cl_int code;
+    double ms;
+    r->image = r->device.cl->CreateImage(r->device.context, CL_MEM_READ_ONLY, &format, &desc, NULL, &code);
+    if (!r->image) return df_opencl_check(code, "clCreateImage", info->name, err);
+    DF_CL(&r->device, EnqueueWriteImage, r->device.queue, r->image, CL_TRUE, start, size, 0, 0, field->samples, 0, NULL, &event);
+    df_status status = df_opencl_event_ms(&r->device, event, &ms, err);
+    r->upload_ms += ms;
+    return status;
 }
 
 static df_status upload(df_opencl_renderer *r, df_error *err) {
@@ -177,6 +204,7 @@ static df_status upload(df_opencl_renderer *r, df_error *err) {
     for (int i = 0; i < SCENE_ARRAYS && status == DF_OK; i++) {
         status = df_opencl_upload(&r->device, arrays[i].data, arrays[i].size, arrays[i].what, &r->arrays[i], &r->upload_ms, err);
     }
+    if (status == DF_OK && r->options.images) status = upload_image(r, err);
     if (status == DF_OK) status = df_alloc((void **)&table, DF_SHADE_LEVELS, 1, "shade table", err);
     if (status != DF_OK) return status;
     df_shade_table(table);
@@ -208,8 +236,8 @@ static df_status choose_group(df_opencl_renderer *r, df_error *err) {
 static df_status open_kernels(df_opencl_renderer *r, df_error *err) {
     char build[128];
     const df_scene *scene = r->scene;
-    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d", (int)scene->field->kind, scene->levels, scene->k,
-             (int)scene->field->sample_type);
+    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind, scene->levels, scene->k,
+             (int)scene->field->sample_type, r->image ? " -DDF_IMAGES" : "");
     df_status status = df_opencl_build(&r->device, build, r->options.log, err);
     const df_grid grid = make_grid(scene);
     const kernel_argument arguments[SCENE_ARGUMENTS] = {
@@ -276,9 +304,10 @@ static df_status queue_shade(df_opencl_renderer *r, const df_view *view, uint32_
         {sizeof *view, view}, ARGUMENT(first_row), ARGUMENT(row_count), ARGUMENT(solve), ARGUMENT(steps), ARGUMENT(gradient),
         ARGUMENT(r->shade_table), ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
         {sizeof none, picture->rgb ? &r->rgb.memory : &none}, {sizeof none, picture->depth ? &r->depth.memory : &none},
-        {sizeof none, picture->normals ? &r->normals.memory : &none}};
+        {sizeof none, picture->normals ? &r->normals.memory : &none}, ARGUMENT(r->image)};
+    const uint32_t argument_count = sizeof arguments / sizeof arguments[0] - !r->image; /* the last is there with images only */
     cl_kernel kernel = r->kernels[KERNEL_SHADE_VIEW];
-    if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, sizeof arguments / sizeof arguments[0], err);
+    if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
     return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
 }
 

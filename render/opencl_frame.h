@@ -25,6 +25,7 @@ typedef struct df_opencl_options {
     df_opencl_tracer tracer;
     int solve, steps; /* as in df_frame_options */
     int gradient;
+    bool images;       /* gradients read the samples of a dense field from a 3D image, not from a buffer */
     uint32_t group[2]; /* work items of a work group in x and y; 0: 8 x 8, or less where the device has no room */
     FILE *log;         /* where the log of a failed build goes; NULL: nowhere */
 } df_opencl_options;

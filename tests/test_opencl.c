@@ -195,6 +195,62 @@ static void cameras_inside_far_away_and_along_the_axes_see_the_same(void **state
     }
 }
 
+static void gradients_from_images_are_those_from_buffers(void **state) {
+    (void)state;
+    for (df_sample_type type = DF_SAMPLE_F32; type <= DF_SAMPLE_U8; type++) {
+        df_field field;
+        df_scene scene;
+        df_view view;
+        df_picture expected = {0}, got = {0};
+        df_opencl_renderer *renderer;
+        df_error err;
+        make_scene(&structures[1], type, 0, &field, &scene);
+        make_view(&field, 30, 20, 1.1, 80, 60, &view);
+        alloc_picture(&view, &expected);
+        alloc_picture(&view, &got);
+        for (int gradient = type == DF_SAMPLE_F32 || full ? 0 : DF_GRADIENT_COUNT - 1; gradient < DF_GRADIENT_COUNT; gradient++) {
+            const df_opencl_options options = {.solve = DF_SOLVE_ROBUST, .gradient = gradient, .images = true, .log = stderr};
+            df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
+            if (status == DF_ERROR_UNSUPPORTED && strstr(err.text, "images")) {
+                printf("no images: %s\n", err.text);
+                break;
+            }
+            if (status != DF_OK) fail_msg("%s", err.text);
+            scalar_picture(&scene, DF_SOLVE_ROBUST, gradient, &view, &expected, NULL);
+            assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &got, NULL, &err), DF_OK);
+            if (devices[device].correctly_rounded) assert_same_picture(&expected, &got);
+            df_opencl_renderer_close(renderer);
+        }
+        free_picture(&expected);
+        free_picture(&got);
+        df_scene_free(&scene);
+        df_field_free(&field);
+    }
+}
+
+static void images_are_refused_where_there_are_none(void **state) {
+    (void)state;
+    df_opencl_info info = devices[device];
+    const df_opencl_options options = {.solve = DF_SOLVE_ROBUST, .images = true};
+    df_opencl_renderer *renderer;
+    df_field field;
+    df_scene scene;
+    df_error err;
+    make_scene(&structures[1], DF_SAMPLE_F32, 0, &field, &scene);
+    info.images = true;
+    info.image3d_max[0] = info.image3d_max[1] = info.image3d_max[2] = 38;
+    assert_int_equal(df_opencl_renderer_open(&info, &scene, &options, &renderer, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "at most 38x38x38"));
+    info.images = false;
+    assert_int_equal(df_opencl_renderer_open(&info, &scene, &options, &renderer, &err), DF_ERROR_UNSUPPORTED);
+    df_scene_free(&scene);
+    df_field_free(&field);
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err), DF_ERROR_USAGE);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 static void iso_and_voxel_shapes_go_to_the_device(void **state) {
     (void)state;
     df_field field;
@@ -606,6 +662,8 @@ int main(int argc, char **argv) {
         cmocka_unit_test(strips_of_rows_make_the_picture_and_counts_are_equal),
         cmocka_unit_test(pictures_are_those_of_the_scalar_tracer),
         cmocka_unit_test(cameras_inside_far_away_and_along_the_axes_see_the_same),
+        cmocka_unit_test(gradients_from_images_are_those_from_buffers),
+        cmocka_unit_test(images_are_refused_where_there_are_none),
         cmocka_unit_test(iso_and_voxel_shapes_go_to_the_device),
         cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
         cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),

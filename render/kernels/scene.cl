@@ -83,6 +83,19 @@ static inline float df_scene_decode(const df_scene *scene, uint64_t index, uint3
 #endif
 }
 
+#ifdef DF_IMAGES
+/* The same from a 3D image of the samples of a dense field. */
+static inline float df_image_decode(const df_scene *scene, __read_only image3d_t image, const int at[3]) {
+    const sampler_t nearest = CLK_NORMALIZED_COORDS_FALSE | CLK_ADDRESS_CLAMP_TO_EDGE | CLK_FILTER_NEAREST;
+#if DF_SAMPLE == DF_SAMPLE_F32
+    return read_imagef(image, nearest, (int4)(at[0], at[1], at[2], 0)).x;
+#else
+    const int value = (int)read_imageui(image, nearest, (int4)(at[0], at[1], at[2], 0)).x;
+    return (float)(value - DF_SAMPLE_ZERO) * as_float((scene->step_exponent + 127) << 23);
+#endif
+}
+#endif
+
 /* The index of a voxel's lower corner among the samples, and the steps to the next row and slice. */
 static inline uint64_t df_scene_index(const df_scene *scene, const uint32_t voxel[3], uint32_t block, uint64_t *row, uint64_t *slice) {
 #if DF_KIND == DF_KIND_BRICKS
@@ -182,3 +195,26 @@ static inline void df_scene_stencil(const df_scene *scene, const uint32_t voxel[
     if (!beyond) return;
     for (int axis = 0; axis < 3; axis++) df_stencil_axis(scene, voxel, axis, stencil);
 }
+
+#ifdef DF_IMAGES
+/* df_scene_stencil with all samples from an image. */
+static inline void df_image_stencil(const df_scene *scene, __read_only image3d_t image, const uint32_t voxel[3], bool beyond,
+                                    float stencil[64]) {
+    for (int c = 0; c < 8; c++) {
+        const int at[3] = {(int)voxel[0] + (c & 1), (int)voxel[1] + (c >> 1 & 1), (int)voxel[2] + (c >> 2)};
+        stencil[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)] = df_image_decode(scene, image, at);
+    }
+    const int stride[3] = {1, 4, 16};
+    for (int i = 0; i < 24 && beyond; i++) { /* axis, side and corner of the face */
+        const int axis = i >> 3, side = i >> 2 & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
+        const int base = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1 & 1) * stride[v];
+        int at[3] = {(int)voxel[0], (int)voxel[1], (int)voxel[2]};
+        at[axis] += side ? 2 : -1;
+        at[u] += i & 1;
+        at[v] += i >> 1 & 1;
+        const float near = stencil[base + side * stride[axis]], after = stencil[base + !side * stride[axis]];
+        const bool stored = at[axis] >= 0 && at[axis] <= (int)scene->voxel_count[axis];
+        stencil[base + (side ? 2 : -1) * stride[axis]] = stored ? df_image_decode(scene, image, at) : (near + near) - after;
+    }
+}
+#endif

@@ -97,10 +97,15 @@ static inline void df_put_colour(__global uchar *rgb, size_t i, __global const u
 }
 
 /* Solves, gradients and light of the rows that df_trace_view has traced: writes rgb (3 bytes a pixel), depth and normals (3 floats a pixel), each unless
- * NULL, the first row at index 0. table: df_shade_table. One work item a pixel, as df_trace_view. */
+ * NULL, the first row at index 0. table: df_shade_table. Built with DF_IMAGES, gradients read the samples from an image. One work item a pixel, as
+ * df_trace_view. */
 __kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int solve, int steps,
                             int gradient_method, __global const uchar *table, __global const uchar *found,
-                            __global const uint4 *candidates, __global uchar *rgb, __global float *depth, __global float *normals) {
+                            __global const uint4 *candidates, __global uchar *rgb, __global float *depth, __global float *normals
+#ifdef DF_IMAGES
+                            , __read_only image3d_t image
+#endif
+) {
     const uint x = get_global_id(0), y = get_global_id(1);
     if (x >= view.width || y >= row_count) return;
     const size_t i = x + (size_t)view.width * y;
@@ -115,7 +120,11 @@ __kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
         double t_base;
         df_view_ray(&view, x, first_row + y, origin, direction, &t_base);
         const double t = df_solve_candidate(&scene, solve, steps, origin, direction, flags, candidates[i], voxel, position);
+#ifdef DF_IMAGES
+        df_image_stencil(&scene, image, voxel, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+#else
         df_scene_stencil(&scene, voxel, candidates[i].z, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+#endif
         df_gradient(gradient_method, stencil, position, gradient);
         for (int a = 0; a < 3; a++) inverse_size[a] = 1.0f / view.relative_size[a];
         df_shade_toward_eye(direction, view.relative_size, toward_eye);
