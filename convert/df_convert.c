@@ -6,6 +6,8 @@
 #include "common/output_file.h"
 #include "common/progress.h"
 #include "common/version.h"
+#include "convert/adf.h"
+#include "convert/measure.h"
 #include "convert/mesh_read.h"
 #include "convert/report.h"
 #include "convert/shape.h"
@@ -25,7 +27,7 @@ const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 1
 typedef enum distance_method { DISTANCE_EXACT, DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
 static const char *const distance_names[] = {"exact", "cgal", "openvdb", NULL};
 static const char *const sign_names[] = {"auto", "winding", "parity", NULL};
-static const char *const structure_names[] = {"bricks", "dense", NULL};
+static const char *const structure_names[] = {"bricks", "dense", "adf", NULL};
 
 /* What the command line asks for. */
 typedef struct request {
@@ -34,6 +36,11 @@ typedef struct request {
     uint32_t resolution;     /* 0: not given */
     double voxel_size;       /* 0: not given */
     double padding;          /* voxels */
+    double max_error;        /* negative: not given */
+    bool error_in_world;     /* max_error is in world units, otherwise voxels */
+    bool allow_partial;
+    uint32_t measure;        /* points to measure the error at */
+    bool measure_given;
     df_field_kind structure;
     uint32_t brick_size;
     uint32_t distance;       /* distance_method */
@@ -44,12 +51,12 @@ typedef struct request {
     df_error *err;
 } request;
 
-enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_THREADS, KEY_JSON };
+enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_THREADS, KEY_JSON };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
     {"output", 'o', "FILE", 0, "write the field to FILE (default: the input's name with .dfield, in the current folder)", 1},
-    {"structure", KEY_STRUCTURE, "NAME", 0, "bricks: samples near the surface only (default); dense: all samples", 1},
+    {"structure", KEY_STRUCTURE, "NAME", 0, "bricks: samples near the surface only (default); dense: all samples; adf: an octree as fine as --max-error asks", 1},
     {"brick", KEY_BRICK, "K", 0, "voxels along a brick, 4 or 8 (default 8)", 1},
     {0, 0, 0, 0, "Precision", 2},
     {"resolution", KEY_RESOLUTION, "N", 0, "voxels along the longest side, padding included (default 256)", 2},
@@ -57,6 +64,11 @@ static const struct argp_option options[] = {
     {"padding", KEY_PADDING, "N", 0, "voxels left free around the surface on each side (default 3)", 2},
     {"distance", KEY_DISTANCE, "NAME", 0,
      "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate", 2},
+    {"max-error", KEY_MAX_ERROR, "E[w]", 0,
+     "adf: the largest error near the surface, in voxels of the finest level, or world units with a w behind (default 0.1, as far as the finest level "
+     "reaches)", 2},
+    {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error cannot be reached", 2},
+    {"measure", KEY_MEASURE, "N", 0, "random points at which the error is measured, 0 for none (default 20000)", 2},
     {0, 0, 0, 0, "Inside and outside", 3},
     {"sign", KEY_SIGN, "NAME", 0,
      "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes (default); parity: where a ray "
@@ -81,6 +93,16 @@ static const char doc[] =
     "each with cx, cy, cz for its centre.\n\n"
     "Example: df-convert bunny.obj --resolution 256 && df-render bunny.dfield";
 
+static df_status parse_max_error(request *r, const char *arg) {
+    char number[64];
+    size_t length = strlen(arg);
+    r->error_in_world = length > 1 && arg[length - 1] == 'w';
+    if (length - r->error_in_world >= sizeof number) return df_fail(r->err, DF_ERROR_USAGE, "--max-error %s: expected a number", arg);
+    memcpy(number, arg, length + 1);
+    if (r->error_in_world) number[length - 1] = 0;
+    return df_parse_double("--max-error", number, 0, 1e30, &r->max_error, r->err);
+}
+
 static df_status parse_value(request *r, int key, const char *arg) {
     uint32_t index;
     df_status status;
@@ -89,11 +111,15 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_VOXEL_SIZE: return df_parse_double("--voxel-size", arg, 1e-30, 1e30, &r->voxel_size, r->err);
     case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
     case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
+    case KEY_MAX_ERROR: return parse_max_error(r, arg);
+    case KEY_MEASURE:
+        r->measure_given = true;
+        return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
     case KEY_SIGN: return df_parse_name("--sign", arg, sign_names, &r->sign, r->err);
     case KEY_THREADS: return df_parse_u32("--threads", arg, 1, 4096, &r->threads, r->err);
     case KEY_STRUCTURE:
         status = df_parse_name("--structure", arg, structure_names, &index, r->err);
-        if (status == DF_OK) r->structure = index == 0 ? DF_FIELD_BRICKS : DF_FIELD_DENSE;
+        if (status == DF_OK) r->structure = index == 0 ? DF_FIELD_BRICKS : index == 1 ? DF_FIELD_DENSE : DF_FIELD_ADF;
         return status;
     case KEY_BRICK:
         status = df_parse_u32("--brick", arg, 4, 8, &r->brick_size, r->err);
@@ -112,6 +138,7 @@ static error_t parse_option(int key, char *arg, struct argp_state *state) {
     case 'q': r->quiet = true; break;
     case KEY_JSON: r->json = true; break;
     case KEY_STRICT: r->strict = true; break;
+    case KEY_PARTIAL: r->allow_partial = true; break;
     case ARGP_KEY_ARG:
         if (r->input) argp_error(state, "more than one input: %s, %s", r->input, arg);
         r->input = arg;
@@ -133,6 +160,13 @@ static df_status check_request(const request *r, df_error *err) {
     }
     if (df_shape_is_name(r->input) && r->distance != DISTANCE_EXACT) {
         return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance", distance_names[r->distance]);
+    }
+    if (r->structure == DF_FIELD_ADF && r->distance == DISTANCE_OPENVDB) {
+        return df_fail(err, DF_ERROR_USAGE, "--structure adf needs exact distances, --distance openvdb has none");
+    }
+    if (r->max_error >= 0 && r->structure != DF_FIELD_ADF) return df_fail(err, DF_ERROR_USAGE, "--max-error needs --structure adf");
+    if (r->measure_given && r->measure && r->distance == DISTANCE_OPENVDB) {
+        return df_fail(err, DF_ERROR_USAGE, "--measure needs exact distances, --distance openvdb has none");
     }
     return DF_OK;
 }
@@ -214,6 +248,7 @@ static json_t *json_options(const request *r) {
     json_t *o = json_pack("{s:s, s:f}", "structure", df_field_kind_name(r->structure), "padding", r->padding);
     if (r->voxel_size > 0) json_object_set_new(o, "voxel_size", json_real(r->voxel_size));
     else json_object_set_new(o, "resolution", json_integer(r->resolution ? r->resolution : 256));
+    if (r->structure == DF_FIELD_ADF) json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error", json_real(r->max_error < 0 ? 0.1 : r->max_error));
     if (r->structure == DF_FIELD_BRICKS) json_object_set_new(o, "brick", json_integer(r->brick_size));
     return o;
 }
@@ -266,6 +301,43 @@ static df_status check_surface(const char *name, const df_field *field, df_error
                    "a smaller --voxel-size may find it", name, field->voxel_size[0]);
 }
 
+/* The bound on the error in world units. */
+static double max_error_world(const request *r, double voxel_size) {
+    if (r->max_error < 0) return 0.1 * voxel_size;
+    return r->error_in_world ? r->max_error : r->max_error * voxel_size;
+}
+
+static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source, df_field *field,
+                           df_convert_report *report, df_error *err) {
+    df_adf_input input = {.name = r->input, .lattice = lattice, .source = source, .mesh = report->is_shape ? NULL : &s->mesh,
+                          .sign = &s->sign, .max_error = max_error_world(r, lattice->voxel_size), .quiet = r->quiet};
+    df_adf_report adf;
+    df_status status = df_adf_build(&input, field, &adf, err);
+    report->build.samples_computed = adf.samples_computed;
+    report->build.sign_ms = adf.sign_ms;
+    report->build.distance_ms = adf.divide_ms;
+    report->build.structure_ms = adf.continuity_ms + adf.structure_ms;
+    report->leaves = adf.leaves;
+    report->divided_for_continuity = adf.divided_for_continuity;
+    return status;
+}
+
+/* Measures the field against its source, and holds it against --max-error where that was given. */
+static df_status measure_error(const request *r, const surface *s, const df_distance_source *source, df_field *field,
+                               df_convert_report *report, df_error *err) {
+    if (r->distance == DISTANCE_OPENVDB || r->measure == 0) return DF_OK;
+    bool same_tree = !report->is_shape && r->distance == DISTANCE_EXACT && s->sign.mesh == &s->mesh;
+    df_truth truth = {source, &s->sign, same_tree ? df_distance_exact_tree(source) : NULL};
+    double start = df_now_ms();
+    df_status status = df_measure_error(&truth, r->measure, field, err);
+    report->measure_ms = df_now_ms() - start;
+    double bound = max_error_world(r, field->voxel_size[0]);
+    if (status != DF_OK || r->max_error < 0 || r->allow_partial || field->error_max <= bound) return status;
+    return df_fail(err, DF_ERROR_INPUT, "%s: --max-error %g %s cannot be reached with %u levels: the error is %g; raise --resolution, or pass "
+                   "--allow-partial", r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->level_count,
+                   field->error_max / (r->error_in_world ? 1 : field->voxel_size[0]));
+}
+
 static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
     df_lattice lattice;
     df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding, r->brick_size};
@@ -282,9 +354,11 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     df_build_input input = {.name = r->input, .kind = r->structure, .lattice = &lattice, .source = &source,
                             .mesh = report->is_shape ? NULL : &s->mesh, .sign = &s->sign, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
                             .quiet = r->quiet};
-    if (status == DF_OK) status = df_build(&input, field, &report->build, err);
-    df_distance_source_free(&source);
+    if (status == DF_OK && r->structure == DF_FIELD_ADF) status = build_adf(r, s, &lattice, &source, field, report, err);
+    else if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     if (status == DF_OK) status = check_surface(r->input, field, err);
+    if (status == DF_OK) status = measure_error(r, s, &source, field, report, err);
+    df_distance_source_free(&source);
     if (status == DF_OK) status = finish_field(r, s, field, report, err);
     if (status != DF_OK) df_field_free(field);
     return status;
@@ -331,7 +405,7 @@ static char *default_output(const char *input) {
 
 int main(int argc, char **argv) {
     df_error err = {0};
-    request r = {.structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .err = &err};
+    request r = {.structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .max_error = -1, .measure = 20000, .err = &err};
     const struct argp argp = {options, parse_option, "INPUT", doc, 0, 0, 0};
     df_interrupt_install(PROGRAM);
     argp_err_exit_status = 2;

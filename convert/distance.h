@@ -24,6 +24,9 @@ typedef struct df_distance_source {
     /* Writes the distances of all samples of a box, x fastest, world units, each rounded once. Called from several threads at
      * once, with at most k+1 samples a side. */
     void (*fill)(const void *context, const df_lattice *lattice, const df_sample_box *box, float *out);
+    /* The distance of any point, in double, signed where is_signed; from several threads at once. NULL where the source knows
+     * lattice samples only. */
+    double (*at)(const void *context, const double p[3]);
     void (*free)(void *context);
 } df_distance_source;
 
@@ -35,6 +38,10 @@ static inline void df_distance_source_free(df_distance_source *source) {
 /* The exact distance, fast: lists of the faces that matter, shrunk as a box of samples is divided. The mesh is not needed afterwards; the
  * threads that ask must not be more than OpenMP's maximum when the source was made. */
 df_status df_distance_exact(const df_mesh *mesh, df_distance_source *source, df_error *err);
+
+/* The tree of a source that df_distance_exact made. */
+struct df_face_tree;
+const struct df_face_tree *df_distance_exact_tree(const df_distance_source *source);
 
 /* The exact distance by CGAL's AABB tree, asked once a sample. The mesh must stay as it is while the source lives. */
 df_status df_distance_cgal(const df_mesh *mesh, df_distance_source *source, df_error *err);

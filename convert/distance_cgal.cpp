@@ -52,6 +52,10 @@ void fill(const void *user, const df_lattice *lattice, const df_sample_box *box,
     }
 }
 
+double at(const void *user, const double p[3]) {
+    return std::sqrt(static_cast<const context *>(user)->tree->squared_distance(Point(p[0], p[1], p[2])));
+}
+
 void release(void *user) { delete static_cast<context *>(user); }
 
 } // namespace
@@ -70,7 +74,7 @@ df_status df_distance_cgal(const df_mesh *mesh, df_distance_source *source, df_e
         c->tree = std::make_unique<Tree>(c->triangles.cbegin(), c->triangles.cend());
         c->tree->build(); // before threads ask: CGAL builds lazily
         c->tree->accelerate_distance_queries();
-        *source = {c.release(), false, fill, release};
+        *source = {c.release(), false, fill, at, release};
         return DF_OK;
     });
 }

@@ -207,12 +207,22 @@ static void fill(const void *user, const df_lattice *lattice, const df_sample_bo
     list_part(&j, &all, 0);
 }
 
+static double at(const void *user, const double p[3]) {
+    const context *c = user;
+    return sqrt(df_face_tree_nearest(&c->tree, p, &c->scratches[omp_get_thread_num()]->nearest));
+}
+
 static void release(void *user) {
     context *c = user;
     for (int t = 0; c->scratches && t < c->thread_count; t++) free(c->scratches[t]);
     free(c->scratches);
     df_face_tree_free(&c->tree);
     free(c);
+}
+
+const df_face_tree *df_distance_exact_tree(const df_distance_source *source) {
+    const context *c = source->context;
+    return &c->tree;
 }
 
 df_status df_distance_exact(const df_mesh *mesh, df_distance_source *source, df_error *err) {
@@ -227,7 +237,7 @@ df_status df_distance_exact(const df_mesh *mesh, df_distance_source *source, df_
         if (status == DF_OK) c->scratches[t]->nearest = 0;
     }
     if (status == DF_OK) status = df_face_tree_make(mesh, &c->tree, err);
-    if (status == DF_OK) *source = (df_distance_source){c, false, fill, release};
+    if (status == DF_OK) *source = (df_distance_source){c, false, fill, at, release};
     else release(c);
     return status;
 }

@@ -53,7 +53,7 @@ df_status df_distance_openvdb(const df_mesh *mesh, const df_lattice *lattice, fl
         openvdb::tools::QuadAndTriangleDataAdapter<openvdb::Vec3s, openvdb::Vec3I> adapter(points, triangles);
         auto c = std::make_unique<context>();
         c->grid = openvdb::tools::meshToVolume<openvdb::FloatGrid>(adapter, *transform, band_voxels, band_voxels);
-        *source = {c.release(), true, fill, release};
+        *source = {c.release(), true, fill, nullptr, release};
         return DF_OK;
     });
 }

@@ -2,6 +2,7 @@
 
 #include "common/memory.h"
 #include "convert/isa.h"
+#include "convert/winding.h"
 
 #include <assert.h>
 #include <math.h>
@@ -397,4 +398,32 @@ uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double d
     l.limit = (float)(reach * reach * (1 + 1e-6));
     list_node(&l, tree->level_count - 1, 0);
     return l.count;
+}
+
+static int32_t cross_faces(const df_face_tree *tree, uint32_t face, const double p[3]) {
+    const df_face *f = &tree->faces[face];
+    double b[3], c[3];
+    for (int a = 0; a < 3; a++) {
+        b[a] = f->a[a] + f->ab[a];
+        c[a] = f->a[a] + f->ac[a];
+    }
+    return df_winding_cross(f->a, b, c, p);
+}
+
+static int32_t cross_node(const df_face_tree *tree, uint32_t level, uint32_t n, const double p[3], const float local[3]) {
+    const df_face_node *node = &tree->levels[level][n];
+    float slack = (float)tree->slack;
+    int32_t sum = 0;
+    for (uint32_t c = 0; c < 8; c++) {
+        bool meets = node->low[0][c] - slack <= local[0];
+        for (int a = 1; a < 3; a++) meets = meets && node->low[a][c] - slack <= local[a] && local[a] <= node->high[a][c] + slack;
+        if (meets) sum += level ? cross_node(tree, level - 1, n * 8 + c, p, local) : cross_faces(tree, n * 8 + c, p);
+    }
+    return sum;
+}
+
+int32_t df_face_tree_winding(const df_face_tree *tree, const double p[3]) {
+    float local[3];
+    for (int a = 0; a < 3; a++) local[a] = (float)(p[a] - tree->origin[a]);
+    return cross_node(tree, tree->level_count - 1, 0, p, local);
 }

@@ -56,6 +56,9 @@ double df_face_tree_nearest(const df_face_tree *tree, const double p[3], uint32_
 /* Lists all faces within `distance` of p and some more. Returns their number, or capacity + 1 where they do not fit. */
 uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double distance, uint32_t *list, uint32_t capacity);
 
+/* The winding number of p: the crossings of the row along x that ends there. For points in general position; see winding.h for lattices. */
+int32_t df_face_tree_winding(const df_face_tree *tree, const double p[3]);
+
 /* Squared distances of 8 points to each of `count` faces: out[i * 8 + point] for the i-th in the list. points: x of all 8, then y, then z. `least`
  * gets the smallest of each point. out may be NULL. */
 void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8], double *out,

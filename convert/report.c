@@ -98,14 +98,22 @@ void df_report_print(const df_convert_report *r, const df_field *field) {
     if (field->kind == DF_FIELD_BRICKS) {
         printf("bricks    %" PRIu32 " of %" PRIu32 "^3 voxels\n", field->brick_count, field->brick_size);
     }
+    if (field->kind == DF_FIELD_ADF) {
+        printf("octree    %" PRIu32 " families on %" PRIu32 " levels, %" PRIu64 " leaves, %" PRIu64 " of them divided for continuity\n",
+               field->family_count, field->level_count, r->leaves, r->divided_for_continuity);
+    }
+    if (field->error_max >= 0) {
+        printf("error     at most %.3g voxels, RMS %.3g, near the surface; measured in %.0f ms\n", field->error_max / field->voxel_size[0],
+               field->error_rms / field->voxel_size[0], r->measure_ms);
+    }
     printf("wrote     %s, %.2f MB, in %.0f ms\n", r->output, (double)r->bytes / 1e6, r->write_ms);
     printf("total     %.0f ms, peak memory %.0f MB\n", r->total_ms, (double)r->peak_bytes / 1e6);
 }
 
 df_status df_report_print_json(const df_convert_report *r, const df_field *field, df_error *err) {
-    json_t *phases = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "read_ms", r->read_ms, "clean_ms", r->clean_ms,
+    json_t *phases = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "read_ms", r->read_ms, "clean_ms", r->clean_ms,
                                "prepare_ms", r->prepare_ms, "cells_ms", r->build.cells_ms, "distance_ms", r->build.distance_ms,
-                               "sign_ms", r->build.sign_ms, "structure_ms", r->build.structure_ms, "write_ms", r->write_ms);
+                               "sign_ms", r->build.sign_ms, "structure_ms", r->build.structure_ms, "measure_ms", r->measure_ms, "write_ms", r->write_ms);
     json_t *root = r->is_shape ? json_object() : json_mesh(r), *sign = json_sign(r, field);
     json_t *more = json_pack("{s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:s, s:s, s:o, s:I, s:f, s:f, s:o, s:f, s:I}",
                              "input", r->input, "input_sha256", r->input_sha256, "output", r->output,
@@ -124,6 +132,7 @@ df_status df_report_print_json(const df_convert_report *r, const df_field *field
     }
     json_object_set_new(root, "dropped_faces",
                         json_integer((json_int_t)r->cleaning.degenerate + r->cleaning.duplicate + r->cleaning.reversed));
+    if (field->kind == DF_FIELD_ADF) json_object_set_new(root, "leaves", json_integer((json_int_t)r->leaves));
     if (field->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(field->brick_count));
     if (json_dumpf(root, stdout, JSON_INDENT(1)) != 0 || printf("\n") < 0) status = df_fail(err, DF_ERROR_IO, "stdout: cannot write");
 done:

@@ -19,6 +19,8 @@ typedef struct df_convert_report {
     const char *sign_reason; /* why the signs are not certain; NULL where they are */
     uint32_t flipped_faces, inverted_components, holes, hole_edges, unorientable_edges; /* see sign_mesh.h */
     df_build_report build;
+    uint64_t leaves, divided_for_continuity; /* adf */
+    double measure_ms;
     double read_ms, clean_ms, prepare_ms, write_ms, total_ms;
     uint64_t bytes;      /* of the file */
     uint64_t peak_bytes; /* of the process */

@@ -244,8 +244,10 @@ static void fill(const void *context, const df_lattice *lattice, const df_sample
     }
 }
 
+static double at(const void *context, const double p[3]) { return df_shape_distance(context, p); }
+
 void df_distance_shape(const df_shape *shape, df_distance_source *source) {
-    *source = (df_distance_source){(void *)(uintptr_t)shape, true, fill, NULL};
+    *source = (df_distance_source){(void *)(uintptr_t)shape, true, fill, at, NULL};
 }
 
 bool df_shape_keeps_cell(const void *context, const uint32_t cell[3]) {

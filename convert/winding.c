@@ -54,6 +54,13 @@ static int cross_face(const point p[3], const double x_corner[3], double *x) {
     return -s0; /* counter-clockwise in (y, z): its outer side looks along +x, so the row leaves */
 }
 
+int32_t df_winding_cross(const double a[3], const double b[3], const double c[3], const double p[3]) {
+    point corners[3] = {{a[1] - p[1], a[2] - p[2]}, {b[1] - p[1], b[2] - p[2]}, {c[1] - p[1], c[2] - p[2]}};
+    double x_corner[3] = {a[0], b[0], c[0]}, x = 0;
+    int change = cross_face(corners, x_corner, &x);
+    return x <= p[0] ? change : 0;
+}
+
 /* The first sample at or beyond x. */
 static uint32_t first_sample_beyond(const df_lattice *lattice, double x) {
     double guess = ceil((x - lattice->origin[0]) / lattice->voxel_size);
@@ -167,6 +174,26 @@ void df_winding_row(const df_winding_slab *slab, uint32_t y, uint32_t z, uint32_
         while (at < end && at->sample <= sample) sum += at++->change;
         winding[i] = sum;
     }
+}
+
+int32_t df_winding_at(const df_winding_slab *slab, uint32_t x, uint32_t y, uint32_t z) {
+    int32_t winding = 0;
+    bool beyond = x > slab->x_last || y >= slab->y_count || z < slab->z_first || z - slab->z_first >= slab->z_count;
+    if (!beyond) df_winding_row(slab, y, z, x, 1, &winding);
+    return winding;
+}
+
+bool df_winding_has_negative(const df_winding_slab *slab) {
+    uint64_t row_count = (uint64_t)slab->y_count * slab->z_count;
+    for (uint64_t row = 0; row < row_count; row++) {
+        int32_t sum = 0;
+        for (uint32_t i = slab->starts[row]; i < slab->starts[row + 1]; i++) {
+            sum += slab->crossings[i].change;
+            bool last_here = i + 1 == slab->starts[row + 1] || slab->crossings[i + 1].sample != slab->crossings[i].sample;
+            if (sum < 0 && last_here) return true;
+        }
+    }
+    return false;
 }
 
 df_status df_face_slabs_make(const df_mesh *mesh, const df_lattice *lattice, uint32_t z_step, df_face_slabs *slabs, df_error *err) {

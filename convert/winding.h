@@ -13,6 +13,8 @@
 #include "convert/lattice.h"
 #include "convert/mesh.h"
 
+#include <stdbool.h>
+
 typedef struct df_crossing {
     uint32_t sample; /* the first sample of the row beyond the crossing; may be voxel_count + 1 */
     int32_t change;  /* of the winding number: +1 where the row enters */
@@ -38,6 +40,15 @@ void df_winding_slab_free(df_winding_slab *slab);
 
 /* Writes the winding numbers of samples x_first to x_first + x_count of one row; those beyond the lattice repeat the last one. */
 void df_winding_row(const df_winding_slab *slab, uint32_t y, uint32_t z, uint32_t x_first, uint32_t x_count, int32_t *winding);
+
+/* The winding number of one sample; 0 beyond the slab. */
+int32_t df_winding_at(const df_winding_slab *slab, uint32_t x, uint32_t y, uint32_t z);
+
+/* True where a row of the slab has a winding number below 0. */
+bool df_winding_has_negative(const df_winding_slab *slab);
+
+/* The change of the winding number where the row that ends at p crosses the triangle abc, 0 where it does not. */
+int32_t df_winding_cross(const double a[3], const double b[3], const double c[3], const double p[3]);
 
 /* Faces sorted by slabs of z_step layers: those that may cross rows with z in [s * z_step, s * z_step + z_step] (both ends
  * included) are faces[starts[s]] to faces[starts[s + 1]]. */

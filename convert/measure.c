@@ -1,0 +1,154 @@
+#include "convert/measure.h"
+
+#include "common/memory.h"
+#include "convert/winding.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A point to measure at: a cell's corner values and a position in it. */
+typedef struct probe {
+    float corners[8];
+    double local[3];
+    double world[3];
+} probe;
+
+/* Hands out the cells that get probes while all surface cells are counted past it. */
+typedef struct picker {
+    const df_field *field;
+    probe *probes;
+    uint64_t cell_total, cell_next, probe_count, probe_next;
+} picker;
+
+static double random_unit(uint64_t seed) {
+    uint64_t z = (seed + 1) * 0x9E3779B97F4A7C15u;
+    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ z >> 27) * 0x94D049BB133111EBu;
+    return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
+}
+
+/* Probe i lies in cell floor(i * cells / probes): evenly over all cells. */
+static bool is_picked(const picker *p) {
+    return p->probe_next < p->probe_count && p->probe_next * p->cell_total / p->probe_count == p->cell_next;
+}
+
+static void pick(picker *p, const float corners[8], const uint32_t corner[3], uint32_t side) {
+    for (; is_picked(p); p->probe_next++) {
+        probe *to = &p->probes[p->probe_next];
+        double grid[3];
+        memcpy(to->corners, corners, sizeof to->corners);
+        for (int a = 0; a < 3; a++) {
+            to->local[a] = random_unit(p->probe_next * 3 + (uint64_t)a);
+            grid[a] = corner[a] + side * to->local[a];
+        }
+        df_field_grid_to_world(p->field, grid, to->world);
+    }
+    p->cell_next++;
+}
+
+static void pick_adf(picker *p, uint32_t family, const uint32_t corner[3], uint32_t side) {
+    const df_field *f = p->field;
+    uint32_t next = f->families[family].first_child;
+    for (uint32_t c = 0; c < 8; c++) {
+        df_child_state state = (df_child_state)(f->families[family].states >> 2 * c & 3);
+        uint32_t at[3] = {corner[0] + (c & 1) * side, corner[1] + (c >> 1 & 1) * side, corner[2] + (c >> 2) * side};
+        if (state == DF_CHILD_FAMILY) {
+            pick_adf(p, next++, at, side / 2);
+        } else if (state == DF_CHILD_SURFACE) {
+            float corners[8];
+            if (is_picked(p)) df_adf_corners(f, family, c, corners);
+            pick(p, corners, at, side);
+        }
+    }
+}
+
+static void pick_bricks(picker *p) {
+    const df_field *f = p->field;
+    uint32_t k = f->brick_size, words = df_brick_mask_words(k);
+    for (uint32_t b = 0; b < f->brick_count; b++) {
+        uint32_t cell = f->brick_cells[b], voxel[3];
+        for (uint32_t i = 0; i < k * k * k; i++) {
+            if (!(f->brick_masks[(size_t)b * words + i / 64] >> i % 64 & 1)) continue;
+            float corners[8];
+            voxel[0] = cell % f->cell_count[0] * k + i % k;
+            voxel[1] = cell / f->cell_count[0] % f->cell_count[1] * k + i / k % k;
+            voxel[2] = cell / f->cell_count[0] / f->cell_count[1] * k + i / k / k;
+            if (is_picked(p)) df_field_corners(f, voxel, corners);
+            pick(p, corners, voxel, 1);
+        }
+    }
+}
+
+static void pick_dense(picker *p) {
+    const df_field *f = p->field;
+    uint32_t v[3];
+    for (v[2] = 0; v[2] < f->voxel_count[2]; v[2]++) {
+        for (v[1] = 0; v[1] < f->voxel_count[1]; v[1]++) {
+            for (v[0] = 0; v[0] < f->voxel_count[0]; v[0]++) {
+                float corners[8];
+                df_field_corners(f, v, corners);
+                if (df_corners_straddle(corners, 0)) pick(p, corners, v, 1);
+            }
+        }
+    }
+}
+
+/* The signed distance of a point. */
+static double true_distance(const df_truth *truth, const df_face_tree *tree, uint32_t *active, const double p[1][3]) {
+    double distance = truth->source->at(truth->source->context, p[0]);
+    if (truth->source->is_signed) return distance;
+    int32_t winding = df_face_tree_winding(tree, p[0]);
+    df_sign_rule rule;
+    float side = 1;
+    df_sign_make_rule(truth->sign, p[0], 0, active, &rule);
+    df_sign_apply(&rule, &winding, p, 1, &side);
+    return side < 0 ? -distance : distance;
+}
+
+static df_status compare(const df_truth *truth, const df_face_tree *tree, const probe *probes, uint64_t count, df_field *field, df_error *err) {
+    double largest = 0, sum = 0;
+    bool short_of_memory = false;
+#pragma omp parallel reduction(|| : short_of_memory)
+    {
+        uint32_t *active = malloc(((truth->sign ? truth->sign->made.cap_count : 0) + 1) * sizeof *active);
+        short_of_memory = !active;
+#pragma omp for schedule(dynamic, 64) reduction(max : largest)
+        for (uint64_t i = 0; i < count; i++) {
+            if (!active) continue;
+            double exact = true_distance(truth, tree, active, &probes[i].world);
+            largest = fmax(largest, fabs(df_trilinear(probes[i].corners, probes[i].local) - exact));
+            ((probe *)(uintptr_t)&probes[i])->local[0] = df_trilinear(probes[i].corners, probes[i].local) - exact;
+        }
+        free(active);
+    }
+    if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
+    for (uint64_t i = 0; i < count; i++) sum += probes[i].local[0] * probes[i].local[0]; /* in order: the same sum for any threads */
+    field->error_max = largest;
+    field->error_rms = count ? sqrt(sum / (double)count) : 0;
+    return DF_OK;
+}
+
+df_status df_measure_error(const df_truth *truth, uint32_t point_count, df_field *field, df_error *err) {
+    assert(truth->source->at);
+    picker p = {.field = field, .cell_total = df_field_surface_voxel_count(field)};
+    p.probe_count = p.cell_total ? point_count : 0;
+    df_status status = df_alloc_raw((void **)&p.probes, p.probe_count, sizeof *p.probes, "error measurement", err);
+    if (status != DF_OK) return status;
+    uint32_t root[3] = {0, 0, 0};
+    if (field->kind == DF_FIELD_ADF) pick_adf(&p, 0, root, 1u << (field->level_count - 1));
+    else if (field->kind == DF_FIELD_BRICKS) pick_bricks(&p);
+    else pick_dense(&p);
+    assert(p.probe_next == p.probe_count);
+    df_face_tree made = {0};
+    const df_face_tree *tree = truth->tree;
+    if (!tree && !truth->source->is_signed) {
+        status = df_face_tree_make(truth->sign->mesh, &made, err);
+        tree = &made;
+    }
+    if (status == DF_OK) status = compare(truth, tree, p.probes, p.probe_count, field, err);
+    df_face_tree_free(&made);
+    free(p.probes);
+    return status;
+}
