@@ -21,6 +21,7 @@ typedef struct slice_point {
     bool stored;
     bool inside;
     double voxels;       /* distance in voxels, where stored */
+    double slope;        /* of the distance within the plane: 1 where the surface is upright on it */
     uint64_t cell;       /* identifies the cell of the structure; 0: none to outline */
 } slice_point;
 
@@ -60,7 +61,8 @@ static slice_point look(const df_field *field, const plane *view, double u, doub
         world[a] = fmin(fmax(world[a], field->origin[a]), end);
     }
     df_field_query(field, world, &info);
-    return (slice_point){info.stored, info.side == DF_SIDE_INSIDE, info.value / view->voxel_world, cell_at(field, view, grid)};
+    double slope = fmax(hypot(info.gradient[view->right], info.gradient[view->up]), 0.2); /* lines grow at most 5 times wide */
+    return (slice_point){info.stored, info.side == DF_SIDE_INSIDE, info.value / view->voxel_world, slope, cell_at(field, view, grid)};
 }
 
 static void mix(double colour[3], const double other[3], double part) {
@@ -83,13 +85,13 @@ static void shade(const slice_point *here, const slice_point *left, const slice_
     if (here->stored) {
         double size = fabs(here->voxels);
         mix(colour, far[here->inside], size / (size + 8));
-        double off = fabs(size - contour * round(size / contour)) * pixels_per_voxel;
+        double off = fabs(size - contour * round(size / contour)) * pixels_per_voxel / here->slope;
         if (size > contour / 2) mix(colour, grey, 0.45 * line_cover(off, 1));
     }
     bool edge = here->cell != left->cell || here->cell != below->cell;
     bool stored = here->stored || left->stored || below->stored;
     if (edge) mix(colour, grey, stored ? 0.55 : 0.18);
-    if (here->stored) mix(colour, black, line_cover(fabs(here->voxels) * pixels_per_voxel, 2.2));
+    if (here->stored) mix(colour, black, line_cover(fabs(here->voxels) * pixels_per_voxel / here->slope, 2.2));
     for (int c = 0; c < 3; c++) rgb[c] = (uint8_t)lrint(255 * colour[c]);
 }
 
