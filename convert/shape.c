@@ -163,17 +163,27 @@ static bool solve3(const double h[6], const double b[3], double x[3]) {
     return true;
 }
 
-/* The distance from p to a critical point of it on the gyroid, found by Newton steps on q - p + l grad g = 0, g = 0 from a start that is
- * first pulled to the surface; INFINITY where they do not converge. */
-static double gyroid_critical(const double p[3], const double start[3]) {
-    double q[3] = {start[0], start[1], start[2]}, n[3], h[6], lambda = 0;
+/* Pulls q to the gyroid along the gradient; false where that fails. */
+static bool gyroid_pull(double q[3]) {
+    double n[3], h[6];
     for (int step = 0; step < 6; step++) {
         double g = gyroid(q, n, h), square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        if (!(square > 1e-6)) return INFINITY;
+        if (!(square > 1e-6)) return false;
         for (int a = 0; a < 3; a++) q[a] -= g * n[a] / square;
-        lambda = 0;
-        for (int a = 0; a < 3; a++) lambda += (p[a] - q[a]) * n[a] / square;
     }
+    return true;
+}
+
+static double distance_between(const double p[3], const double q[3]) {
+    return sqrt((q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]) + (q[2] - p[2]) * (q[2] - p[2]));
+}
+
+/* The distance from p to a critical point of it on the gyroid, found by Newton steps on q - p + l grad g = 0, g = 0 from a start near the
+ * surface; INFINITY where they do not converge. */
+static double gyroid_critical(const double p[3], const double start[3]) {
+    double q[3] = {start[0], start[1], start[2]}, n[3], h[6], lambda = 0;
+    gyroid(q, n, h);
+    for (int a = 0; a < 3; a++) lambda += (p[a] - q[a]) * n[a] / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     for (int step = 0; step < 30; step++) {
         double g = gyroid(q, n, h), residual[3], m[6], u[3], v[3];
         for (int a = 0; a < 3; a++) residual[a] = q[a] - p[a] + lambda * n[a];
@@ -188,23 +198,48 @@ static double gyroid_critical(const double p[3], const double start[3]) {
         for (int a = 0; a < 3; a++) q[a] -= u[a] + change * v[a];
         lambda += change;
     }
-    double square = 0;
-    for (int a = 0; a < 3; a++) square += (q[a] - p[a]) * (q[a] - p[a]);
-    return sqrt(square);
+    return distance_between(p, q);
 }
 
-/* The distance to the gyroid of period 2 pi. A critical point nearer than the reach is the nearest; where none is found, the search
- * starts from points around as well. */
+#define GYROID_STARTS 27 /* directions to search in, and the point itself */
+#define GYROID_TRIES 4   /* of them, the nearest to the point are refined */
+
+/* The distance to the gyroid of period 2 pi. A critical point nearer than the reach is the nearest; where none is found, points around
+ * are pulled to the surface, and the nearest of these are where the search goes on. */
 static double gyroid_distance(const double p[3]) {
-    double nearest = gyroid_critical(p, p);
-    if (nearest < GYROID_REACH) return nearest;
-    for (int i = 0; i < 27; i++) {
-        int d[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
-        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), start[3];
-        for (int a = 0; a < 3; a++) start[a] = p[a] + (length > 0 ? d[a] / length : 0);
-        nearest = fmin(nearest, gyroid_critical(p, start));
+    double starts[GYROID_STARTS][3], distances[GYROID_STARTS];
+    for (int i = 0; i < GYROID_STARTS; i++) {
+        int j = (i + 13) % 27; /* the point itself first */
+        int d[3] = {j % 3 - 1, j / 3 % 3 - 1, j / 9 - 1};
+        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        for (int a = 0; a < 3; a++) starts[i][a] = p[a] + (length > 0 ? d[a] / length : 0);
+        distances[i] = gyroid_pull(starts[i]) ? distance_between(p, starts[i]) : HUGE_VAL;
+        if (i == 0 && distances[0] < HUGE_VAL) {
+            double nearest = gyroid_critical(p, starts[0]);
+            if (nearest < GYROID_REACH) return nearest;
+        }
+    }
+    double nearest = HUGE_VAL;
+    for (int n = 0; n < GYROID_TRIES; n++) {
+        int best = 0;
+        for (int i = 1; i < GYROID_STARTS; i++) best = distances[i] < distances[best] ? i : best;
+        if (!(distances[best] < HUGE_VAL)) break;
+        nearest = fmin(nearest, gyroid_critical(p, starts[best]));
+        nearest = fmin(nearest, distances[best]); /* on the surface to rounding, where Newton fails */
+        distances[best] = HUGE_VAL;
     }
     return nearest;
+}
+
+/* The gyroid's function grows by at most sqrt(3) a unit: a distance that is not too large, without a search. */
+static double gyroid_at_least(const double p[3]) {
+    double n[3], h[6];
+    return fabs(gyroid(p, n, h)) / 1.7320508075688773;
+}
+
+static void gyroid_point(const df_shape *shape, const double world[3], double q[3], double *scale) {
+    *scale = 6.283185307179586 / shape->period;
+    for (int a = 0; a < 3; a++) q[a] = fmod((world[a] - shape->centre[a]) * *scale, 6.283185307179586);
 }
 
 double df_shape_distance(const df_shape *shape, const double world[3]) {
@@ -223,8 +258,8 @@ double df_shape_distance(const df_shape *shape, const double world[3]) {
         for (int i = 0; i < 3; i++) q[i] = shape->rotation[i][0] * p[0] + shape->rotation[i][1] * p[1] + shape->rotation[i][2] * p[2];
         return box_distance(shape->side, q);
     case DF_SHAPE_GYROID: {
-        double scale = 6.283185307179586 / shape->period;
-        for (int a = 0; a < 3; a++) q[a] = fmod(p[a] * scale, 6.283185307179586);
+        double scale;
+        gyroid_point(shape, world, q, &scale);
         return gyroid_distance(q) / scale - shape->thickness / 2;
     }
     }
@@ -254,5 +289,10 @@ bool df_shape_keeps_cell(const void *context, const uint32_t cell[3]) {
     const df_shape_cells *c = context;
     double centre[3], half = c->lattice->brick_size * 0.5;
     for (int a = 0; a < 3; a++) centre[a] = df_lattice_at(c->lattice, a, cell[a] * c->lattice->brick_size) + half * c->lattice->voxel_size;
-    return fabs(df_shape_distance(c->shape, centre)) <= (half + DF_CELL_REACH) * 1.7320508075688773 * c->lattice->voxel_size;
+    double reach = (half + DF_CELL_REACH) * 1.7320508075688773 * c->lattice->voxel_size, q[3], scale;
+    if (c->shape->kind == DF_SHAPE_GYROID) {
+        gyroid_point(c->shape, centre, q, &scale);
+        if (gyroid_at_least(q) / scale - c->shape->thickness / 2 > reach) return false;
+    }
+    return fabs(df_shape_distance(c->shape, centre)) <= reach;
 }
