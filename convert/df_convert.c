@@ -8,6 +8,7 @@
 #include "common/version.h"
 #include "convert/adf.h"
 #include "convert/measure.h"
+#include "convert/mesh_check.h"
 #include "convert/mesh_read.h"
 #include "convert/report.h"
 #include "convert/shape.h"
@@ -45,13 +46,14 @@ typedef struct request {
     uint32_t brick_size;
     uint32_t distance;       /* distance_method */
     uint32_t sign;           /* df_sign_method */
+    bool check, repair;
     bool strict;             /* uncertain signs are a failure */
     uint32_t threads;        /* 0: as OpenMP chooses */
     bool json, quiet;
     df_error *err;
 } request;
 
-enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_THREADS, KEY_JSON };
+enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_CHECK, KEY_REPAIR, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_THREADS, KEY_JSON };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
@@ -73,6 +75,8 @@ static const struct argp_option options[] = {
     {"sign", KEY_SIGN, "NAME", 0,
      "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes (default); parity: where a ray "
      "crosses it an odd number of times", 3},
+    {"check", KEY_CHECK, 0, 0, "say what is wrong with the mesh, and convert nothing", 3},
+    {"repair", KEY_REPAIR, 0, 0, "orient the faces, turn bodies that are inside out, stitch borders, fill holes, and convert that", 3},
     {"strict", KEY_STRICT, 0, 0, "fail where the signs are uncertain", 3},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 4},
@@ -138,6 +142,8 @@ static error_t parse_option(int key, char *arg, struct argp_state *state) {
     case 'q': r->quiet = true; break;
     case KEY_JSON: r->json = true; break;
     case KEY_STRICT: r->strict = true; break;
+    case KEY_CHECK: r->check = true; break;
+    case KEY_REPAIR: r->repair = true; break;
     case KEY_PARTIAL: r->allow_partial = true; break;
     case ARGP_KEY_ARG:
         if (r->input) argp_error(state, "more than one input: %s, %s", r->input, arg);
@@ -179,6 +185,35 @@ typedef struct surface {
     double low[3], high[3];
 } surface;
 
+/* Cleans, orients, stitches and fills; what was done goes to the report. */
+static df_status repair_mesh(const request *r, df_mesh *mesh, df_convert_report *report, df_error *err) {
+    df_sign_mesh sign = {0};
+    df_mesh_cleaning *cleaning = &report->repair_cleaning;
+    df_status status = df_mesh_clean(mesh, r->input, cleaning, err);
+    if (status == DF_OK) status = df_sign_mesh_make(mesh, &sign, err);
+    if (status == DF_OK) {
+        memcpy(mesh->faces, sign.mesh.faces, (size_t)mesh->face_count * 3 * sizeof *mesh->faces);
+        report->repaired = true;
+        report->repair_flips = sign.flipped_faces;
+        report->repair_turned = sign.inverted_components;
+        status = df_mesh_repair(mesh, r->input, &report->repairs, err);
+    }
+    df_sign_mesh_free(&sign);
+    return status;
+}
+
+static df_status check_mesh(const request *r, df_error *err) {
+    df_mesh mesh = {0};
+    df_mesh_cleaning cleaning;
+    df_mesh_diagnosis diagnosis;
+    df_status status = df_mesh_read(r->input, &mesh, err);
+    if (status == DF_OK) status = df_mesh_clean(&mesh, r->input, &cleaning, err);
+    if (status == DF_OK) status = df_mesh_check(&mesh, &cleaning, &diagnosis, err);
+    if (status == DF_OK) df_mesh_print_diagnosis(r->input, &diagnosis, r->json);
+    df_mesh_free(&mesh);
+    return status;
+}
+
 static df_status read_surface(const request *r, surface *s, df_convert_report *report, df_error *err) {
     report->is_shape = df_shape_is_name(r->input);
     if (report->is_shape) {
@@ -191,6 +226,8 @@ static df_status read_surface(const request *r, surface *s, df_convert_report *r
     if (status == DF_OK) status = df_sha256_file(r->input, report->input_sha256, err);
     if (status != DF_OK) return status;
     double read = df_now_ms();
+    if (r->repair) status = repair_mesh(r, &s->mesh, report, err);
+    if (status != DF_OK) return status;
     status = df_mesh_clean(&s->mesh, r->input, &report->cleaning, err);
     if (status == DF_OK) status = df_mesh_find_edges(&s->mesh, &report->edges, err);
     if (status != DF_OK) return status;
@@ -272,6 +309,9 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
     else if (r->structure == DF_FIELD_DENSE && made->cap_count) report->sign_reason = "the mesh has holes";
     if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
+    if (report->repaired && (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
+        report->sign_reason = "the mesh was repaired";
+    }
     if (made->cap_count) report->sign_reason = "holes closed, all smaller than a voxel";
     else if (made->flipped_faces) report->sign_reason = "faces oriented alike";
     else if (made->inverted_components) report->sign_reason = "bodies turned that were inside out";
@@ -411,11 +451,14 @@ int main(int argc, char **argv) {
     argp_err_exit_status = 2;
     df_status status = argp_parse(&argp, argc, argv, 0, 0, &r) == 0 ? DF_OK : DF_ERROR_USAGE;
     if (status == DF_OK) status = check_request(&r, &err);
+    if (status == DF_OK && r.check && (df_shape_is_name(r.input) || r.output)) {
+        status = df_fail(&err, DF_ERROR_USAGE, "--check looks at a mesh and writes nothing");
+    }
     if (status == DF_OK && r.threads) omp_set_num_threads((int)r.threads);
     char *derived = status == DF_OK && !r.output ? default_output(r.input) : NULL;
     const char *output = r.output ? r.output : derived;
     if (status == DF_OK && !output) status = df_fail(&err, DF_ERROR_MEMORY, "out of memory");
-    if (status == DF_OK) status = convert(&r, output, &err);
+    if (status == DF_OK) status = r.check ? check_mesh(&r, &err) : convert(&r, output, &err);
     if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
     if (status != DF_OK) fprintf(stderr, PROGRAM ": %s\n", err.text);
     free(derived);

@@ -17,6 +17,13 @@ static json_t *json_mesh(const df_convert_report *r) {
                      "misoriented_edges", (json_int_t)r->edges.misoriented);
 }
 
+static json_t *json_repairs(const df_convert_report *r) {
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "flipped_faces", (json_int_t)r->repair_flips, "turned_bodies", (json_int_t)r->repair_turned,
+                     "split_vertices", (json_int_t)r->repairs.split_vertices, "stitched_edges", (json_int_t)r->repairs.stitched,
+                     "holes_filled", (json_int_t)r->repairs.holes_filled, "holes_left", (json_int_t)r->repairs.holes_left,
+                     "faces_added", (json_int_t)r->repairs.faces_added);
+}
+
 static json_t *json_sign(const df_convert_report *r, const df_field *field) {
     json_t *sign = json_pack("{s:s, s:s, s:I, s:I}", "method", r->sign_method, "verdict", df_verdict_name(field->verdict),
                              "lost_features", (json_int_t)r->build.lost_features, "wall_samples", (json_int_t)r->build.wall_count);
@@ -42,6 +49,7 @@ char *df_report_provenance(const df_convert_report *r, const df_field *field, js
     if (root && !r->is_shape) {
         json_object_set_new(root, "input_sha256", json_string(r->input_sha256));
         json_object_set_new(root, "mesh", json_mesh(r));
+        if (r->repaired) json_object_set_new(root, "repairs", json_repairs(r));
     }
     char *text = root ? json_dumps(root, JSON_INDENT(1)) : NULL;
     json_decref(root);
@@ -53,7 +61,25 @@ static void print_count(uint64_t count, const char *what) {
     if (count) printf(", %" PRIu64 " %s", count, what);
 }
 
+static void print_repair(const df_convert_report *r) {
+    const df_mesh_repairs *d = &r->repairs;
+    printf("repaired  %" PRIu32 " vertices, %" PRIu32 " triangles read", r->repair_cleaning.vertices_read, r->repair_cleaning.faces_read);
+    print_count(r->repair_cleaning.welded, "vertices welded");
+    print_count(r->repair_cleaning.degenerate, "degenerate triangles dropped");
+    print_count(r->repair_cleaning.duplicate, "duplicate triangles dropped");
+    print_count(r->repair_cleaning.reversed, "reversed copies dropped");
+    print_count(r->repair_flips, "triangles flipped");
+    print_count(r->repair_turned, "bodies turned");
+    print_count(d->split_vertices, "vertices split");
+    print_count(d->stitched, "pairs of edges stitched");
+    print_count(d->holes_filled, "holes filled");
+    print_count(d->faces_added, "triangles added");
+    print_count(d->holes_left, "holes left");
+    printf("\n");
+}
+
 static void print_mesh(const df_convert_report *r) {
+    if (r->repaired) print_repair(r);
     printf("read      %" PRIu32 " vertices, %" PRIu32 " triangles in %.0f ms\n", r->cleaning.vertices_read, r->cleaning.faces_read,
            r->read_ms);
     printf("cleaned   %" PRIu32 " vertices, %" PRIu32 " triangles", r->vertices, r->faces);

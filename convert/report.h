@@ -3,6 +3,7 @@
 #define DF_REPORT_H
 
 #include "convert/build.h"
+#include "convert/mesh_repair.h"
 
 #include <jansson.h>
 
@@ -10,6 +11,10 @@ typedef struct df_convert_report {
     const char *input, *output;
     char input_sha256[65]; /* empty for shapes */
     bool is_shape;
+    bool repaired;             /* --repair; then the cleaning and edges below are those of the repaired mesh */
+    df_mesh_cleaning repair_cleaning;
+    df_mesh_repairs repairs;
+    uint32_t repair_flips, repair_turned;
     df_mesh_cleaning cleaning;
     df_mesh_edges edges;      /* borders not kept */
     uint32_t vertices, faces; /* after cleaning */

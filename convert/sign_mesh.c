@@ -171,7 +171,10 @@ static void turn_inverted(df_sign_mesh *sign, const uint32_t *component_of, comp
         if (!components[c].closed || components[c].volume >= 0) continue;
         looked++;
         const double *p = mesh->positions + (size_t)mesh->faces[(size_t)components[c].face * 3] * 3;
-        if (fabs(winding_of(mesh, component_of, c, true, p)) > 0.5) continue; /* in another: a cavity */
+        if (fabs(winding_of(mesh, component_of, c, true, p)) > 0.5) {
+            sign->cavities++;
+            continue;
+        }
         for (uint32_t inner = 0; inner < sign->component_count; inner++) {
             const double *q = mesh->positions + (size_t)mesh->faces[(size_t)components[inner].face * 3] * 3;
             if (inner == c || fabs(winding_of(mesh, component_of, c, false, q)) > 0.5) components[inner].turned = true;

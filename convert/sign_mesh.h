@@ -31,6 +31,7 @@ typedef struct df_sign_mesh {
     uint32_t component_count;    /* pieces connected by edges */
     uint32_t flipped_faces;      /* to agree with their neighbours */
     uint32_t inverted_components; /* turned round with all their faces */
+    uint32_t cavities;            /* closed components turned inwards in another */
     uint32_t unorientable_edges; /* where flipping could not make two faces agree */
     uint32_t border_edges;       /* closed by fans */
 } df_sign_mesh;

@@ -1,0 +1,27 @@
+/* What CGAL can say about a mesh, and do for it. */
+#ifndef DF_MESH_REPAIR_H
+#define DF_MESH_REPAIR_H
+
+#include "convert/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Counts pairs of faces that cross each other away from shared corners, through CGAL's exact test. Slow: it costs more than a conversion. */
+df_status df_mesh_count_intersections(const df_mesh *mesh, uint64_t *pairs, df_error *err);
+
+typedef struct df_mesh_repairs {
+    uint32_t split_vertices;  /* copies made where the mesh is not manifold */
+    uint32_t stitched;        /* pairs of border edges joined */
+    uint32_t holes_filled, holes_left;
+    uint32_t faces_added;
+} df_mesh_repairs;
+
+/* Stitches borders and fills holes of a mesh whose faces are oriented alike as far as they can be; replaces *mesh. */
+df_status df_mesh_repair(df_mesh *mesh, const char *name, df_mesh_repairs *repairs, df_error *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
