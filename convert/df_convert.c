@@ -312,7 +312,7 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     if (report->repaired && (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
         report->sign_reason = "the mesh was repaired";
     }
-    if (made->cap_count) report->sign_reason = "holes closed, all smaller than a voxel";
+    if (made->cap_count) report->sign_reason = "holes closed, none wider than a voxel";
     else if (made->flipped_faces) report->sign_reason = "faces oriented alike";
     else if (made->inverted_components) report->sign_reason = "bodies turned that were inside out";
     return report->sign_reason ? DF_VERDICT_REPAIRED : DF_VERDICT_CERTAIN;
