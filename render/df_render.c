@@ -9,6 +9,7 @@
 #include "common/version.h"
 #include "render/bench.h"
 #include "render/export.h"
+#include "render/quality.h"
 
 #include <argp.h>
 #include <errno.h>
@@ -76,6 +77,9 @@ static const struct argp_option option_table[] = {
     {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)", 0},
     {"gradient", KEY_SETTING + 10, "NAME", 0,
      "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward (default corner-central)", 0},
+    {"quality", KEY_SETTING + 13, "NAME", 0,
+     "full: as the options above say (default); auto: as many steps and such a gradient as can be seen, by the field's own error and the "
+     "size of a pixel on it; --verbose tells what and why", 0},
     {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
     {0, 0, 0, 0, "Running", 4},
@@ -323,9 +327,22 @@ static df_status print_report(const options *opts, session *s, df_error *err) {
     return DF_OK;
 }
 
+/* --quality auto: settles the methods, so that the picture carries what was chosen. */
+static void choose_quality(options *opts, const session *s) {
+    char text[512];
+    df_quality quality;
+    df_quality_choose(&s->field, &s->camera, opts->settings.height, &quality);
+    opts->settings.solve = quality.solve;
+    opts->settings.steps = quality.steps;
+    opts->settings.gradient = quality.gradient;
+    df_quality_explain(&quality, text, sizeof text);
+    if (opts->verbose) fprintf(stderr, "df-render: quality auto: %s\n", text);
+}
+
 static df_status render(options *opts, session *s, df_error *err) {
     const df_settings *settings = &opts->settings;
     df_status status = df_settings_camera(settings, &s->field, &s->camera, err);
+    if (status == DF_OK && settings->quality_auto) choose_quality(opts, s);
     if (status == DF_OK) status = df_view_make(&s->camera, &s->field, settings->width, settings->height, &s->view, err);
     if (status == DF_OK) status = df_scene_prepare(&s->field, (float)settings->iso, &settings->scene, &s->scene, err);
     if (status != DF_OK) return status;

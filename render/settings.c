@@ -76,6 +76,13 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         return status;
     }
     if (strcmp(name, "tracer") == 0) return set_tracer(s, value, err);
+    if (strcmp(name, "quality") == 0) {
+        static const char *const names[] = {"full", "auto", NULL};
+        status = df_parse_name("--quality", value, names, &number, err);
+        if (status == DF_OK) s->quality_auto = number == 1;
+        return status;
+    }
+    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "gradient") == 0) s->has_methods = true;
     if (strcmp(name, "intersect") == 0) {
         status = df_parse_name("--intersect", value, df_solve_names, &number, err);
         if (status == DF_OK) s->solve = (int)number;
@@ -95,6 +102,9 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
 }
 
 df_status df_settings_camera(const df_settings *s, const df_field *field, df_camera *camera, df_error *err) {
+    if (s->quality_auto && s->has_methods) {
+        return df_fail(err, DF_ERROR_USAGE, "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
+    }
     if (s->steps && df_solve_steps(s->solve) == 0) {
         return df_fail(err, DF_ERROR_USAGE, "--steps: --intersect %s has no steps", df_solve_names[s->solve]);
     }
