@@ -215,6 +215,27 @@ def recommendation_table(table):
     return html_table(["field", "field error, voxels", "half a pixel, voxels", "a tenth of the higher", "cheapest without errors", "ns/ray"], rows)
 
 
+def auto_table(table):
+    """What --quality auto takes at each distance against the cheapest with no fewer steps and the same gradient or a finer one."""
+    rows = []
+    for row in table.select(kind="auto-time"):
+        same = {"field": row["field"], "size": row["size"], "family": row["family"], "kind": "front-time"}
+        front = [r for r in table.select(**same) if int(r["steps"]) >= int(row["steps"]) and r["gradient"] in (row["gradient"], "corner-central")]
+        default = table.select(**same, steps="16", gradient="corner-central")
+        if not front or not default:
+            continue
+        least, ns = min(number(r["ns_per_ray"]) for r in front), number(row["ns_per_ray"])
+        rows.append([row["field"], row["family"], f'{row["intersect"]} {row["steps"]}', row["gradient"], short(ns), f"{ns / least:.2f}",
+                     f"{ns / number(default[0]['ns_per_ray']):.2f}"])
+    return html_table(["field", "eye", "intersect", "gradient", "ns/ray", "time / the front's", "time / default's"], rows)
+
+
+def mesh_table(table):
+    rows = [[r["field"], r["family"], f'{r["intersect"]} {r["steps"]}', r["depth_p50"], r["depth_p99"], r["false_positive"], r["false_negative"], r["leaks"], r["rays"]]
+            for r in table.select(kind="solve", truth="mesh")]
+    return html_table(["field", "rays", "solve", "median, voxels", "p99", "false hits", "false misses", "leaks", "of"], rows) if rows else "<p>No mesh was measured.</p>"
+
+
 def all_rows(table):
     chosen = ["kind", "field", "size", "structure", "samples", "tracer", "intersect", "steps", "gradient", "truth", "family", "rays", "tangent", "true_positive",
               "false_positive", "false_negative", "true_negative", "leaks", "wrong_face", "depth_p50", "depth_p99", "depth_max", "normal_p99", "ns_per_ray", "bytes"]
@@ -248,6 +269,8 @@ until a cubic term of rounding size spoils it.</p>
 Errors are those of the solver against the trilinear field in quad precision; times are medians of whole frames, one thread, rays to shaded picture.</p>
 <h2>Which method</h2>{summary_table(table)}
 <h2>The cheapest that a scene needs</h2><p>The cheapest method without errors whose p99 error lies under a tenth of the higher of two floors.</p>{recommendation_table(table)}
+<h2>What --quality auto takes</h2><p>Beside the cheapest whose steps and gradient are no coarser; ratios scatter by the noise of the machine.</p>{auto_table(table)}
+<h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p>{mesh_table(table)}
 <h2>Error against time</h2><p>Markers grow with the worst errors over all families of rays; hollow: a method with more than {HOLLOW_PPM} ppm.</p>{inline_svg(folder, "pareto")}
 <h2>Error against bytes</h2>{inline_svg(folder, "storage")}
 <h2>Normals</h2>{inline_svg(folder, "gradients")}

@@ -8,3 +8,5 @@ df_test(test_stability_cells LABELS stability LIBS distfield-lab SOURCES fields.
 df_test(test_stability_fields LABELS stability LIBS distfield-lab SOURCES fields.c tracing.c)
 df_script_test(test_df_lab LABELS unit)
 df_test(test_pictures LABELS stability LIBS distfield-lab SOURCES fields.c)
+df_test(test_quality LABELS stability LIBS distfield-lab SOURCES fields.c)
+df_test(test_mesh_truth LABELS stability LIBS distfield-lab SOURCES fields.c)

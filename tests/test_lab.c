@@ -53,7 +53,7 @@ static void the_default_method_makes_no_error(void **unused) {
         open_scene(&f, (lab_shape)shape, 64, 0, DF_FIELD_BRICKS, 8, 2);
         for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
             lab_score score;
-            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED, 0, ray_count, NULL, false};
+            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED, 0, ray_count, NULL, false, NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
                 lab_print_failures(&run, &score);
@@ -75,7 +75,7 @@ static void thin_shells_are_traced_as_they_are_stored(void **unused) {
         open_scene(&f, LAB_SHELL, 64, widths[i], DF_FIELD_DENSE, 8, 2);
         for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
             lab_score score;
-            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 1, 0, ray_count / 3, NULL, false};
+            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 1, 0, ray_count / 3, NULL, false, NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
                 lab_print_failures(&run, &score);
@@ -94,7 +94,7 @@ static void solves_that_see_only_the_ends_miss_pairs_of_crossings(void **unused)
     open_scene(&f, LAB_PAIRS, 64, 0, DF_FIELD_DENSE, 8, 2);
     for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
         lab_score score;
-        const lab_run run = {&df_tracer_dda, &f.scene, solve, 0, NULL, LAB_GRAZING, LAB_SEED, 0, 2 * ray_count, NULL, false};
+        const lab_run run = {&df_tracer_dda, &f.scene, solve, 0, NULL, LAB_GRAZING, LAB_SEED, 0, 2 * ray_count, NULL, false, NULL};
         measure(&run, &score);
         assert_int_equal(score.false_positive, 0);
         if (DF_SOLVE_ISOLATES(solve)) assert_int_equal(lab_score_errors(&score), 0);
@@ -117,7 +117,7 @@ static void tracers_and_structures_make_no_error_either(void **unused) {
             if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL))) continue; /* pictures only */
             for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
                 lab_score score;
-                const lab_run run = {*tracer, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 2, 0, ray_count / 3, NULL, false};
+                const lab_run run = {*tracer, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 2, 0, ray_count / 3, NULL, false, NULL};
                 measure(&run, &score);
                 if (lab_score_errors(&score)) {
                     lab_print_failures(&run, &score);
@@ -141,7 +141,7 @@ static void nothing_escapes_from_a_closed_field(void **unused) {
             uint64_t rays, escapes, first;
             if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL))) continue; /* pictures only */
             for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
-                const lab_run run = {*tracer, &f.scene, solve, 0, NULL, LAB_INSIDE, LAB_SEED + 3, 0, 20 * ray_count, NULL, false};
+                const lab_run run = {*tracer, &f.scene, solve, 0, NULL, LAB_INSIDE, LAB_SEED + 3, 0, 20 * ray_count, NULL, false, NULL};
                 if (lab_count_escapes(&run, &rays, &escapes, &first, &err)) fail_msg("%s", err.text);
                 if (escapes) fail_msg("%s, %s, %s: ray %d escapes, and %d more", f.surface.name, (*tracer)->name, df_solve_names[solve], (int)first, (int)escapes - 1);
                 assert_true(rays == 20 * ray_count);
@@ -157,7 +157,7 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     fixture f;
     lab_score score;
     open_scene(&f, LAB_SPHERE, 64, 0, DF_FIELD_DENSE, 8, 2);
-    const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false};
+    const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false, NULL};
     measure(&run, &score);
     const double median = lab_histogram_quantile(&score.depth, 0.5);
     if (median < 4e-3 || median > 1.2e-2) fail_msg("median %g", median); /* the rays meet the surface at all angles */
@@ -166,7 +166,7 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     const double widths[] = {0.1, 0.2, 0.4, 0.6, 0.9, 1.2}, lost[] = {98, 92, 61, 25, 0.3, 0.06};
     for (int i = 0; i < 6; i++) {
         open_scene(&f, LAB_SHELL, 64, widths[i], DF_FIELD_DENSE, 8, 2);
-        const lab_run shell = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false};
+        const lab_run shell = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false, NULL};
         measure(&shell, &score);
         const double part = 100.0 * (double)score.false_negative / (double)(score.true_positive + score.false_negative);
         if (fabs(part - lost[i]) > 2) fail_msg("shell of %g: %.3g %% of the rays go through, expected %g %%", widths[i], part, lost[i]);

@@ -1,7 +1,8 @@
 /*
  * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
  *
- *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name or a .dfield file
+ *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or
+ *                                                  FIELD.dfield:MESH.obj with the mesh that it was made from
  *   df-lab escape [RAYS]                           rays from inside closed fields, with every tracer: none may escape
  *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of the laboratory
  *   df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
@@ -13,6 +14,7 @@
 #include "measure.h"
 #include "render/frame.h"
 #include "render/gradient.h"
+#include "render/quality.h"
 #include "render/shade.h"
 #include "render/solve_methods.h"
 #include "table.h"
@@ -46,6 +48,7 @@ typedef struct subject {
     char name[64];
     lab_surface surface;
     bool exact; /* the surface's truth is known */
+    lab_mesh *mesh; /* NULL: not made from one, or that is not known */
     df_field field;
     df_scene scene;
     double field_floor; /* voxels; 0: unknown */
@@ -92,9 +95,15 @@ static df_status subject_open(subject *s, const char *name, uint32_t size, df_er
     const char *base = strrchr(name, '/') ? strrchr(name, '/') + 1 : name;
     df_status status;
     memset(s, 0, sizeof *s);
-    snprintf(s->name, sizeof s->name, "%s", base);
+    snprintf(s->name, sizeof s->name, "%.60s", base);
     if (strstr(name, ".dfield")) {
-        status = df_field_read(name, DF_READ_COPY, &s->field, err);
+        char path[1024];
+        const char *mesh = strchr(name, ':');
+        snprintf(path, sizeof path, "%.*s", mesh ? (int)(mesh - name) : (int)strlen(name), name);
+        base = strrchr(path, '/') ? strrchr(path, '/') + 1 : path;
+        snprintf(s->name, sizeof s->name, "%.60s", base);
+        status = df_field_read(path, DF_READ_COPY, &s->field, err);
+        if (status == DF_OK && mesh) status = lab_mesh_read(mesh + 1, &s->field, &s->mesh, err);
     } else {
         status = make_field(name, size, 0, DF_FIELD_BRICKS, &s->surface, &s->field, err);
         s->exact = s->surface.lipschitz > 0;
@@ -104,6 +113,7 @@ static df_status subject_open(subject *s, const char *name, uint32_t size, df_er
 }
 
 static void subject_close(subject *s) {
+    lab_mesh_free(s->mesh);
     df_scene_free(&s->scene);
     df_field_free(&s->field);
 }
@@ -172,8 +182,9 @@ static bool have_row(const lab_session *session, const subject *s, const row *r)
 
 /* ---- errors of solves ---- */
 
-static df_status measure_errors(lab_session *session, const subject *s, lab_family family, const lab_surface *surface, uint64_t rays) {
-    lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .surface = surface, .family = family, .seed = LAB_SEED, .count = rays};
+static df_status measure_errors(lab_session *session, const subject *s, lab_family family, const lab_surface *surface, const lab_mesh *mesh, uint64_t rays) {
+    const bool outer = surface || mesh;
+    lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .surface = surface, .mesh = mesh, .family = family, .seed = LAB_SEED, .count = rays};
     df_status status = DF_OK;
     run.truths = calloc(rays, sizeof *run.truths);
     if (!run.truths) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for %" PRIu64 " truths", rays);
@@ -181,9 +192,9 @@ static df_status measure_errors(lab_session *session, const subject *s, lab_fami
         lab_score score = {0};
         run.solve = methods[m].solve;
         run.steps = methods[m].steps;
-        if (surface && run.solve != DF_SOLVE_ROBUST && run.steps > 1) continue; /* the field's error hides them */
+        if (outer && run.solve != DF_SOLVE_ROBUST && run.steps > 1) continue; /* the field's error hides them */
         const row r = {.kind = "solve", .tracer = "dda", .intersect = df_solve_names[run.solve], .gradient = "", .steps = run.steps,
-                       .truth = surface ? "surface" : "field", .family = lab_family_names[family], .rays = rays, .score = &score,
+                       .truth = mesh ? "mesh" : surface ? "surface" : "field", .family = lab_family_names[family], .rays = rays, .score = &score,
                        .ns_per_ray = -1, .ns_per_hit = -1};
         if (have_row(session, s, &r)) continue;
         status = lab_measure(&run, &score, session->err);
@@ -209,14 +220,14 @@ static int compare_doubles(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static df_status time_all(lab_session *session, const subject *s, timing *timings, int count) {
+static df_status time_all(lab_session *session, const subject *s, double distance, timing *timings, int count) {
     const uint32_t size = session->quick ? 384 : 1024;
     const int repeats = session->quick ? 3 : 9;
     df_camera camera;
     df_view view;
     uint8_t *rgb = malloc(3 * (size_t)size * size);
     df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
-    df_camera_orbit(&s->field, 40, 20, 1.6, &camera);
+    df_camera_orbit(&s->field, 40, 20, distance, &camera);
     camera.fov_y = 1;
     if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
     for (int i = 0; i < count && status == DF_OK; i++) {
@@ -263,8 +274,41 @@ static df_status measure_times(lab_session *session, const subject *s) {
         others[count++] = make_timing(session, "tracer-time", *tracer, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL);
     }
     for (int g = 0; g < DF_GRADIENT_COUNT; g++) others[count++] = make_timing(session, "gradient-time", df_tracers[0], DF_SOLVE_ROBUST, 0, g);
-    df_status status = time_all(session, s, solves, METHOD_COUNT);
-    return status == DF_OK ? time_all(session, s, others, count) : status;
+    df_status status = time_all(session, s, 1.6, solves, METHOD_COUNT);
+    return status == DF_OK ? time_all(session, s, 1.6, others, count) : status;
+}
+
+/* What --quality auto chooses at three distances, beside all that it chooses from: the steps of robust with the chosen gradient and with the
+ * default one. */
+static df_status measure_auto(lab_session *session, const subject *s) {
+    static const struct {
+        double distance;
+        const char *family;
+    } places[] = {{0.9, "distance 0.9"}, {6, "distance 6"}, {40, "distance 40"}};
+    static const int steps[] = {1, 2, 3, 4, 6, 16};
+    df_status status = DF_OK;
+    for (int p = 0; p < 3 && status == DF_OK; p++) {
+        timing timings[13];
+        int count = 0;
+        df_camera camera;
+        df_quality quality;
+        df_camera_orbit(&s->field, 40, 20, places[p].distance, &camera);
+        camera.fov_y = 1;
+        const uint32_t size = session->quick ? 384 : 1024;
+        df_view view;
+        df_quality_choose(&s->field, &camera, size, &quality);
+        status = df_view_make(&camera, &s->field, size, size, &view, session->err);
+        if (status != DF_OK) break;
+        const df_tracer *tracer = df_tracer_choose(&s->scene, &view);
+        timings[count++] = make_timing(session, "auto-time", tracer, quality.solve, quality.steps, quality.gradient);
+        for (int i = 0; i < 6; i++) {
+            timings[count++] = make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_CORNER_CENTRAL);
+            timings[count++] = make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_ANALYTIC);
+        }
+        for (int i = 0; i < count; i++) timings[i].row.family = places[p].family;
+        status = time_all(session, s, places[p].distance, timings, count);
+    }
+    return status;
 }
 
 /* ---- normals ---- */
@@ -407,12 +451,12 @@ static df_status measure_structures(lab_session *session, const char *name, uint
  * says of its own error. */
 static df_status find_floor(lab_session *session, subject *s, uint64_t rays) {
     lab_score score = {0};
-    if (!s->exact) {
+    if (!s->exact && !s->mesh) {
         s->field_floor = s->field.error_rms > 0 ? s->field.error_rms / s->field.voxel_size[0] : 0;
         return DF_OK;
     }
-    const lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .solve = DF_SOLVE_ROBUST, .surface = &s->surface, .family = LAB_CAMERA,
-                         .seed = LAB_SEED, .count = rays};
+    const lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .solve = DF_SOLVE_ROBUST, .surface = s->exact ? &s->surface : NULL, .mesh = s->mesh,
+                         .family = LAB_CAMERA, .seed = LAB_SEED, .count = rays};
     df_status status = lab_measure(&run, &score, session->err);
     s->field_floor = lab_histogram_quantile(&score.depth, 0.5);
     return status;
@@ -423,14 +467,17 @@ static df_status measure_subject(lab_session *session, const char *name, uint32_
     const uint64_t rays = session->quick ? 4000 : 1000000;
     df_status status = subject_open(&s, name, size, session->err);
     if (status == DF_OK) status = find_floor(session, &s, session->quick ? 4000 : 40000);
-    if (status == DF_OK && !s.exact) {
+    if (status == DF_OK && !s.exact && !s.mesh) {
         fprintf(stderr, "df-lab: %s: its surface has no formula: errors of solvers only, none of the field\n", s.name);
     }
     if (status == DF_OK) status = measure_times(session, &s);
+    if (status == DF_OK) status = measure_auto(session, &s);
     for (int f = 0; f < LAB_FAMILY_COUNT && status == DF_OK; f++) {
-        status = measure_errors(session, &s, (lab_family)f, NULL, f == LAB_CAMERA ? 2 * rays : rays / 2);
+        status = measure_errors(session, &s, (lab_family)f, NULL, NULL, f == LAB_CAMERA ? 2 * rays : rays / 2);
     }
-    if (status == DF_OK && s.exact) status = measure_errors(session, &s, LAB_CAMERA, &s.surface, rays);
+    if (status == DF_OK && s.exact) status = measure_errors(session, &s, LAB_CAMERA, &s.surface, NULL, rays);
+    if (status == DF_OK && s.mesh) status = measure_errors(session, &s, LAB_CAMERA, NULL, s.mesh, rays);
+    if (status == DF_OK && s.mesh) status = measure_errors(session, &s, LAB_RANDOM, NULL, s.mesh, rays);
     if (status == DF_OK && s.exact) status = measure_normals(session, &s, rays);
     subject_close(&s);
     if (status == DF_OK && s.exact) status = measure_structures(session, name, size, rays);

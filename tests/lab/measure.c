@@ -120,6 +120,7 @@ static void judge(const lab_run *run, const chunk *c, uint32_t i, lab_score *sco
     }
     df_truth *known = run->truths ? &run->truths[c->number[i] - run->first] : NULL;
     if (known && run->truths_known) truth = *known;
+    else if (run->mesh) lab_mesh_trace(run->mesh, origin, direction, &truth);
     else if (run->surface) lab_surface_trace(run->surface, box, origin, direction, &truth);
     else df_truth_trace(run->scene->field, run->scene->iso, origin, direction, &truth);
     if (known) *known = truth;
@@ -138,7 +139,7 @@ static void judge(const lab_run *run, const chunk *c, uint32_t i, lab_score *sco
         const double off = fabs((double)((df_quad)t - truth.t)) * sqrt(length);
         score->true_positive++;
         lab_histogram_add(&score->depth, off);
-        if (!run->surface) lab_histogram_add(&score->residual, df_truth_residual(run->scene->field, run->scene->iso, origin, direction, t));
+        if (!run->surface && !run->mesh) lab_histogram_add(&score->residual, df_truth_residual(run->scene->field, run->scene->iso, origin, direction, t));
         if (!(off <= LAB_LEAK_VOXELS)) {
             score->leaks++;
             keep_failure(score, c->number[i], LAB_LEAK);

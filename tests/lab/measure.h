@@ -8,6 +8,7 @@
 #define DF_TESTS_MEASURE_H
 
 #include "families.h"
+#include "mesh_truth.h"
 #include "render/kernels.h"
 #include "surface.h"
 
@@ -51,6 +52,7 @@ typedef struct lab_run {
     df_truth *truths;  /* NULL, or room for the truths of count rays: filled by the first run, used by those after it, which must
                           differ in solve and steps only */
     bool truths_known;
+    const lab_mesh *mesh; /* against this instead; NULL: not */
 } lab_run;
 
 /* Adds to *score, which starts zeroed. */
