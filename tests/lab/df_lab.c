@@ -267,14 +267,22 @@ static timing make_timing(const lab_session *session, const char *kind, const df
 static df_status measure_times(lab_session *session, const subject *s) {
     timing solves[METHOD_COUNT], others[32];
     int count = 0;
+    df_camera camera;
+    df_view view;
+    df_camera_orbit(&s->field, 40, 20, 1.6, &camera);
+    camera.fov_y = 1;
+    df_status status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
+    if (status != DF_OK) return status;
+    const df_tracer *chosen = df_tracer_choose(&s->scene, &view);
     for (int m = 0; m < METHOD_COUNT; m++) {
-        solves[m] = make_timing(session, "solve-time", df_tracers[0], methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
+        solves[m] = make_timing(session, "solve-time", chosen, methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
     }
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if ((*tracer)->suits && !(*tracer)->suits(&s->scene, &view)) continue;
         others[count++] = make_timing(session, "tracer-time", *tracer, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL);
     }
-    for (int g = 0; g < DF_GRADIENT_COUNT; g++) others[count++] = make_timing(session, "gradient-time", df_tracers[0], DF_SOLVE_ROBUST, 0, g);
-    df_status status = time_all(session, s, 1.6, solves, METHOD_COUNT);
+    for (int g = 0; g < DF_GRADIENT_COUNT; g++) others[count++] = make_timing(session, "gradient-time", chosen, DF_SOLVE_ROBUST, 0, g);
+    status = time_all(session, s, 1.6, solves, METHOD_COUNT);
     return status == DF_OK ? time_all(session, s, 1.6, others, count) : status;
 }
 

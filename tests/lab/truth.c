@@ -129,7 +129,7 @@ static void visit_cubic(search *r, const piece *p) {
     /* Where neighbours differ (ADF), a piece shorter than the band is one that another ray, as good as this one, does not meet. */
     const bool doubtful = r->jumps && (p->t1 - p->t0) * r->length < r->band;
     for (int i = 0; i < count && !r->done; i++) {
-        quad width = doubtful ? quad_abs(p->c[0]) * 2 : r->band * gradient_length(p, stops[i]);
+        quad width = doubtful ? (quad)INFINITY : r->band * gradient_length(p, stops[i]);
         visit(r, p, i ? stops[i - 1] : -1, stops[i], cubic(p, stops[i]), width);
     }
 }
