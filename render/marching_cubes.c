@@ -95,18 +95,20 @@ static double largest_of(const double v[3]) {
 }
 
 void df_mc_normal(const df_field *field, const double gradient[3], const double fallback[3], float normal[3]) {
-    double g[3], length = 0;
-    for (int a = 0; a < 3; a++) g[a] = gradient[a] / field->voxel_size[a];
+    const double *size = field->voxel_size;
+    double g[3] = {gradient[0], gradient[1], gradient[2]};
+    if (size[0] != size[1] || size[0] != size[2]) {
+        for (int a = 0; a < 3; a++) g[a] /= size[a];
+    }
     double largest = largest_of(g);
     if (!(largest > 0)) {
         memcpy(g, fallback, sizeof g);
         largest = largest_of(g);
     }
-    for (int a = 0; a < 3; a++) {
-        g[a] /= largest; /* squares neither overflow nor vanish */
-        length += g[a] * g[a];
-    }
-    for (int a = 0; a < 3; a++) normal[a] = (float)(g[a] / sqrt(length));
+    const double scale = 1 / largest; /* squares neither overflow nor vanish */
+    for (int a = 0; a < 3; a++) g[a] *= scale;
+    const double inverse_length = 1 / sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+    for (int a = 0; a < 3; a++) normal[a] = (float)(g[a] * inverse_length);
 }
 
 int df_mc_threads(const df_mc_params *params) {
@@ -378,12 +380,12 @@ static void sample_gradient(const grid *g, const scratch *s, const uint32_t at[3
     const view *v = &s->view;
     const float *here = v->values + at[0] + at[1] * v->stride[1] + at[2] * v->stride[2];
     for (uint32_t axis = 0; axis < 3; axis++) {
-        uint32_t u = (axis + 1) % 3, w = (axis + 2) % 3, beside = at[u] + (g->k + 1) * at[w];
+        const uint32_t u = axis == 2 ? 0 : axis + 1, w = axis == 0 ? 2 : axis - 1, beside = at[u] + (g->k + 1) * at[w];
         float low = at[axis] > 0 ? *(here - v->stride[axis]) : s->apron[2 * axis][beside];
         float high = at[axis] < v->voxels[axis] ? *(here + v->stride[axis]) : s->apron[2 * axis + 1][beside];
-        bool has_low = !isnan(low), has_high = !isnan(high);
-        double width = has_low && has_high ? 2 : 1;
-        gradient[axis] = ((double)(has_high ? high : *here) - (double)(has_low ? low : *here)) / width;
+        gradient[axis] = 0.5 * ((double)high - (double)low);
+        if (!isnan(gradient[axis])) continue;
+        gradient[axis] = isnan(low) ? isnan(high) ? 0 : (double)high - (double)*here : (double)*here - (double)low;
     }
 }
 
@@ -548,8 +550,9 @@ uint64_t df_mesh_work(const df_field *field) {
 
 df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
     memset(mesh, 0, sizeof *mesh);
-    float low, high, iso = params->iso;
-    df_field_iso_range(field, &low, &high);
+    const float iso = params->iso;
+    float low = -INFINITY, high = INFINITY;
+    if (iso != 0) df_field_iso_range(field, &low, &high); /* 0 is what every field is made for */
     if (!isfinite(iso)) return df_fail(err, DF_ERROR_USAGE, "%s: iso %g is not a finite number", name, (double)iso);
     if (!(field->value_min < iso && iso <= field->value_max)) {
         return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso, (double)field->value_min,
