@@ -7,7 +7,10 @@
 #include <string.h>
 
 typedef struct columns {
-    float stencil[64][DF_LANES];
+    union {
+        lf lanes[64];
+        float numbers[64][DF_LANES];
+    } stencil;
     float direction[3][DF_LANES];
 } columns;
 
@@ -45,21 +48,20 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
             if (hits->has_normals) {
                 /* the tracer's own */
             } else if (quick) {
-                df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil[0][i], DF_LANES);
+                df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil.numbers[0][i], DF_LANES);
             } else if (octree) {
-                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond, &in.stencil[0][i], DF_LANES);
+                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond, &in.stencil.numbers[0][i], DF_LANES);
             } else {
-                df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil[0][i], DF_LANES);
+                df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil.numbers[0][i], DF_LANES);
             }
             for (int a = 0; a < 3; a++) in.direction[a][i] = job->tile->rays.direction[a][hits->ray[from]];
         }
-        lf stencil[64], local[3], gradient[3], direction[3], toward_eye[3], normal[3];
-        for (int s = 0; s < 64; s++) stencil[s] = lf_load(in.stencil[s]); /* what the gradient does not use costs nothing */
+        lf local[3], gradient[3], direction[3], toward_eye[3], normal[3];
         for (int a = 0; a < 3; a++) {
             local[a] = lf_load(hits->local[a] + first);
             direction[a] = lf_load(in.direction[a]);
         }
-        if (!hits->has_normals) df_gradient(job->gradient, stencil, local, gradient);
+        if (!hits->has_normals) df_gradient(job->gradient, in.stencil.lanes, local, gradient);
         for (int a = 0; a < 3 && hits->has_normals; a++) gradient[a] = lf_load(hits->normal[a] + first) * size[a];
         df_shade_toward_eye(direction, size, toward_eye);
         df_shade_normal(gradient, inverse_size, toward_eye, normal);

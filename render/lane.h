@@ -87,6 +87,10 @@ static inline lf lf_gather(const float *base, li index) { return base[index]; }
 static inline void lf_compress(float *p, lm m, lf a) { if (m) *p = a; }
 static inline void li_compress(int32_t *p, lm m, li a) { if (m) *p = a; }
 static inline li li_gather(const int32_t *base, li index) { return base[index]; }
+/* 8 floats of each lane from base + 8 index, transposed: out[c] holds number c of every lane. */
+static inline void lf_gather_8(const float *base, li index, lf out[8]) {
+    for (int c = 0; c < 8; c++) out[c] = lf_gather(base + c, li_mul(index, li_set(8)));
+}
 static inline li li_select(lm m, li a, li b) { return m ? a : b; }
 static inline lm li_lt(li a, li b) { return a < b; }
 static inline lm li_bit(li word, li bit) { return (int)((uint32_t)word >> bit & 1); }
@@ -150,6 +154,9 @@ static inline li li_gather(const int32_t *base, li index) {
     int32_t i[4];
     li_store(i, index);
     return _mm_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
+}
+static inline void lf_gather_8(const float *base, li index, lf out[8]) {
+    for (int c = 0; c < 8; c++) out[c] = lf_gather(base + c, li_mul(index, li_set(8)));
 }
 static inline li li_select(lm m, li a, li b) { return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m)); }
 static inline lm li_lt(li a, li b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
@@ -228,6 +235,26 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
 }
 static inline li li_gather(const int32_t *base, li index) { return _mm256_i32gather_epi32(base, index, 4); }
+static inline void lf_gather_8(const float *base, li index, lf out[8]) {
+    int32_t at[8];
+    lf row[8], pair[8], four[8];
+    li_store(at, index);
+    for (int i = 0; i < 8; i++) row[i] = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]);
+    for (int i = 0; i < 4; i++) {
+        pair[2 * i] = _mm256_unpacklo_ps(row[2 * i], row[2 * i + 1]);
+        pair[2 * i + 1] = _mm256_unpackhi_ps(row[2 * i], row[2 * i + 1]);
+    }
+    for (int i = 0; i < 2; i++) {
+        four[4 * i] = _mm256_shuffle_ps(pair[4 * i], pair[4 * i + 2], 0x44);
+        four[4 * i + 1] = _mm256_shuffle_ps(pair[4 * i], pair[4 * i + 2], 0xEE);
+        four[4 * i + 2] = _mm256_shuffle_ps(pair[4 * i + 1], pair[4 * i + 3], 0x44);
+        four[4 * i + 3] = _mm256_shuffle_ps(pair[4 * i + 1], pair[4 * i + 3], 0xEE);
+    }
+    for (int c = 0; c < 4; c++) {
+        out[c] = _mm256_permute2f128_ps(four[c], four[4 + c], 0x20);
+        out[4 + c] = _mm256_permute2f128_ps(four[c], four[4 + c], 0x31);
+    }
+}
 static inline li li_select(lm m, li a, li b) { return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m)); }
 static inline lm li_lt(li a, li b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
 static inline lm li_bit(li word, li bit) {
@@ -296,6 +323,31 @@ static inline lf lf_gather(const float *base, li index) { return _mm512_i32gathe
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
 static inline li li_gather(const int32_t *base, li index) { return _mm512_i32gather_epi32(index, base, 4); }
+static inline void lf_gather_8(const float *base, li index, lf out[8]) {
+    int32_t at[16];
+    lf row[8], pair[8], four[8];
+    li_store(at, index);
+    for (int i = 0; i < 8; i++) { /* lane i below, lane i + 8 above */
+        const __m256 low = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]), high = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i + 8]);
+        row[i] = _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+    }
+    for (int i = 0; i < 4; i++) {
+        pair[2 * i] = _mm512_unpacklo_ps(row[2 * i], row[2 * i + 1]);
+        pair[2 * i + 1] = _mm512_unpackhi_ps(row[2 * i], row[2 * i + 1]);
+    }
+    for (int i = 0; i < 2; i++) {
+        four[4 * i] = _mm512_shuffle_ps(pair[4 * i], pair[4 * i + 2], 0x44);
+        four[4 * i + 1] = _mm512_shuffle_ps(pair[4 * i], pair[4 * i + 2], 0xEE);
+        four[4 * i + 2] = _mm512_shuffle_ps(pair[4 * i + 1], pair[4 * i + 3], 0x44);
+        four[4 * i + 3] = _mm512_shuffle_ps(pair[4 * i + 1], pair[4 * i + 3], 0xEE);
+    }
+    const li even = _mm512_setr_epi32(0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27);
+    const li odd = _mm512_setr_epi32(4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31);
+    for (int c = 0; c < 4; c++) {
+        out[c] = _mm512_permutex2var_ps(four[c], even, four[4 + c]);
+        out[4 + c] = _mm512_permutex2var_ps(four[c], odd, four[4 + c]);
+    }
+}
 static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
 static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
 static inline lm li_bit(li word, li bit) { return _mm512_test_epi32_mask(word, _mm512_sllv_epi32(_mm512_set1_epi32(1), bit)); }

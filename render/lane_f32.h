@@ -5,6 +5,8 @@
 #undef lrm
 #define LR(name) name##_f32
 #define lr lf
+#undef LR_NARROW
+#define LR_NARROW 1 /* products of two field values may leave its range */
 #define lrm lm
 #undef lr_set
 #undef lr_min

@@ -5,6 +5,8 @@
 #undef lrm
 #define LR(name) name##_f64
 #define lr ld
+#undef LR_NARROW
+#define LR_NARROW 0 /* products of two float values stay within its range */
 #define lrm ldm
 #undef lr_set
 #undef lr_min

@@ -16,6 +16,15 @@ typedef struct LR(df_bracket) {
     lrm found;
 } LR(df_bracket);
 
+/* True where the coefficients change sign once, from the side at the entry to the other: the segment then has one crossing
+ * (variation diminution), and is itself a bracket. */
+static inline lrm LR(df_crosses_once)(const lr bern[4], lrm inside) {
+    const lr zero = lr_set(0);
+    lrm other[4];
+    for (int i = 0; i < 4; i++) other[i] = lrm_xor(inside, lr_lt(bern[i], zero));
+    return lrm_and(lrm_and(other[3], lrm_not(other[0])), lrm_or(other[2], lrm_not(other[1])));
+}
+
 /* The first of the monotone parts between the extrema whose end lies on the other side. */
 static inline LR(df_bracket) LR(df_isolate)(const lr bern[4], lrm inside, lr *extremum) {
     const lr zero = lr_set(0), one = lr_set(1);
@@ -87,14 +96,20 @@ static inline lr LR(df_solve)(int method, int steps, const lr bernstein[4], lrm 
     const lr zero = lr_set(0), one = lr_set(1);
     if (method == DF_SOLVE_MIDPOINT) return lr_set(0.5);
     lr bern[4] = {bernstein[0], bernstein[1], bernstein[2], bernstein[3]}, extremum, s;
-    LR(df_cubic_scale)(bern);
-    LR(df_bracket) part;
+    if (LR_NARROW) LR(df_cubic_scale)(bern);
+    LR(df_bracket) part = {zero, one, bern[0], bern[3], lrm_xor(inside, lr_lt(bern[3], zero))};
+    extremum = one;
     if (DF_SOLVE_ISOLATES(method)) {
-        part = LR(df_isolate)(bern, inside, &extremum);
-    } else {
-        LR(df_bracket) whole = {zero, one, bern[0], bern[3], lrm_xor(inside, lr_lt(bern[3], zero))};
-        part = whole;
-        extremum = one;
+        /* Where there is one crossing, the robust solve needs no extrema; they cost more than its steps. */
+        const lrm whole = method == DF_SOLVE_ROBUST ? LR(df_crosses_once)(bern, inside) : lr_lt(one, zero);
+        if (lrm_any(lrm_not(whole))) {
+            const LR(df_bracket) isolated = LR(df_isolate)(bern, inside, &extremum);
+            part.low = lr_select(whole, part.low, isolated.low);
+            part.high = lr_select(whole, part.high, isolated.high);
+            part.f_low = lr_select(whole, part.f_low, isolated.f_low);
+            part.f_high = lr_select(whole, part.f_high, isolated.f_high);
+            part.found = lrm_or(whole, isolated.found);
+        }
     }
     if (method == DF_SOLVE_ROBUST) s = LR(df_illinois)(bern, inside, part, steps, tolerance);
     else s = LR(df_repeat_linear)(bern, inside, part, method == DF_SOLVE_LINEAR ? 0 : steps);
