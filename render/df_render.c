@@ -69,7 +69,7 @@ static const struct argp_option option_table[] = {
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
-    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
+    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); default "
      "auto: the fastest that suits the field and the view", 0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,
@@ -82,6 +82,8 @@ static const struct argp_option option_table[] = {
      "size of a pixel on it; --verbose tells what and why", 0},
     {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
+    {"packet", KEY_SETTING + 13, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
+    {"clip", KEY_SETTING + 14, "on|off", 0, "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},
     {"device", KEY_DEVICE, "NAME", 0,
@@ -350,7 +352,7 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     const df_tracer *tracer = settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view);
     const df_frame_options frame = {tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads,
-                                    opts->kernels};
+                                    opts->kernels, settings->packet, settings->no_clip};
     status = alloc_picture(opts, &s->picture, err);
     if (status == DF_OK) status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
     if (status != DF_OK) return status;

@@ -68,7 +68,7 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
 
     uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
     const df_trace_options trace = {renderer->options.kernels, options->solve, options->steps, options->threads, renderer->tile_width,
-                                   renderer->tile_height};
+                                   renderer->tile_height, options->packet, options->no_clip};
     const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
     renderer->prepare_ms = df_now_ms() - start;

@@ -15,6 +15,7 @@
 #define DF_KERNEL(name) name##_scalar
 #endif
 
+uint32_t DF_KERNEL(df_kernel_cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters);
 void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);

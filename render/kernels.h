@@ -54,11 +54,14 @@ typedef struct df_splat_job {
     uint8_t *flags;             /* by ray, DF_HIT_... */
 } df_splat_job;
 
-/* A tile of rays for the packet tracer. */
+/* A tile of rays for the packet tracers. */
+#define DF_CGT_PACKET_MAX 32u
 typedef struct df_packet_job {
     const df_scene *scene;
     const df_tile *tile;
-    int isolate; /* DF_SOLVE_ISOLATES */
+    int isolate;     /* DF_SOLVE_ISOLATES */
+    uint32_t packet; /* cgt: edge of the square of rays that go together, a power of two up to DF_CGT_PACKET_MAX */
+    bool clip;       /* cgt: look only at voxels that the packet's bounds meet */
 } df_packet_job;
 
 struct df_kernels {
@@ -74,6 +77,9 @@ struct df_kernels {
 
     /* Walks the rays of a tile in packets; returns the number of candidates, of which there is room for one a ray. */
     uint32_t (*packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
+
+    /* The same by coherent grid traversal; rays share their origin and the scene has two levels. */
+    uint32_t (*cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);

@@ -1,4 +1,4 @@
-/* The 3DDDA in SIMD packets: kernel_packet.c over tiles. */
+/* The 3DDDA in SIMD packets and the coherent grid traversal: kernel_packet.c and kernel_cgt.c over tiles. */
 #include "common/memory.h"
 #include "render/kernels.h"
 #include "render/solve_methods.h"
@@ -55,7 +55,7 @@ static df_status packet_prepare(const df_scene *scene, const df_trace_options *o
 static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
     (void)err;
     const packet_state *state = opaque;
-    const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve)};
+    const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve), 0, false};
     const uint32_t count = state->options.kernels->packet(&job, state->candidates[thread], counters);
     state->options.kernels->solve(state->scene, &state->options, &tile->rays, state->candidates[thread], count, hits);
     return DF_OK;
@@ -68,4 +68,33 @@ const df_tracer df_tracer_packet = {
     .release = packet_release,
     .suits = packet_suits,
     .trace = packet_trace,
+};
+
+static bool cgt_suits(const df_scene *scene, const df_view *view) {
+    return scene->levels == 2 && view && !view->rebase;
+}
+
+static df_status cgt_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
+    *out = NULL;
+    if (scene->levels != 2) return df_fail(err, DF_ERROR_USAGE, "--tracer cgt works on two levels");
+    return packet_prepare(scene, options, out, err);
+}
+
+static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+    (void)err;
+    const packet_state *state = opaque;
+    const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve),
+                               state->options.packet ? state->options.packet : 8, !state->options.no_clip};
+    const uint32_t count = state->options.kernels->cgt(&job, state->candidates[thread], counters);
+    state->options.kernels->solve(state->scene, &state->options, &tile->rays, state->candidates[thread], count, hits);
+    return DF_OK;
+}
+
+const df_tracer df_tracer_cgt = {
+    .name = "cgt",
+    .summary = "coherent grid traversal: squares of rays slice by slice; for pictures",
+    .prepare = cgt_prepare,
+    .release = packet_release,
+    .suits = cgt_suits,
+    .trace = cgt_trace,
 };

@@ -51,6 +51,8 @@ typedef struct df_trace_options {
     int steps;          /* of the solve; 0: df_solve_steps */
     uint32_t threads;   /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
     uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted from begin_frame's first */
+    uint32_t packet;    /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
+    bool no_clip;       /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
 } df_trace_options;
 
 typedef struct df_tracer df_tracer;
@@ -74,7 +76,7 @@ struct df_tracer {
     df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
 };
 
-extern const df_tracer df_tracer_adf, df_tracer_dda, df_tracer_packet, df_tracer_splat;
+extern const df_tracer df_tracer_adf, df_tracer_cgt, df_tracer_dda, df_tracer_packet, df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
 /* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in; ended by NULL. */

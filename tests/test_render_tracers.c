@@ -65,13 +65,13 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
     uint32_t hits = 0;
     picture reference = new_picture(width, height), other = new_picture(width, height);
     if (df_view_make(camera, scene->field, width, height, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options plain = {scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL};
+    const df_frame_options plain = {scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL, 0, false};
     draw(scene, &view, &plain, &reference);
     for (uint32_t i = 0; i < width * height; i++) hits += isfinite(reference.depth[i]);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if ((*tracer)->suits && !(*tracer)->suits(scene, &view)) continue;
         for (int isa = 0; isa < 4; isa++) {
-            df_frame_options options = {*tracer, solve, 0, gradient, tile, 2, NULL};
+            df_frame_options options = {*tracer, solve, 0, gradient, tile, 2, NULL, 0, false};
             if (df_kernels_select(isas[isa], &options.kernels, &err) != DF_OK) continue;
             draw(scene, &view, &options, &other);
             for (uint32_t i = 0; i < width * height; i++) {
