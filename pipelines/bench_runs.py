@@ -1,0 +1,72 @@
+"""What the bench pipelines share: fields made once, df-render --bench in interleaved runs, CSV."""
+import csv
+import io
+import lzma
+import os
+import shutil
+import statistics
+import subprocess
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+BIN = os.path.join(ROOT, "build", "release")
+RENDER = os.path.join(BIN, "render", "df-render")
+CONVERT = os.path.join(BIN, "convert", "df-convert")
+SHARED = os.path.join(ROOT, "..", "shared", "meshes", "stanford")
+MESHES = {
+    "bunny": "/usr/share/glmark2/models/bunny.obj",
+    "dragon": os.path.join(SHARED, "dragon_vrip.ply.xz"),
+    "buddha": os.path.join(SHARED, "buddha_100k.obj.xz"),
+}
+
+
+def have(name):
+    """Whether a mesh is there; says so when it is not."""
+    if os.path.exists(MESHES[name]):
+        return True
+    print(f"skipped: {name} ({MESHES[name]} is not there)")
+    return False
+
+
+def field(folder, name, resolution, *options):
+    """The path of a field of a mesh, converted unless it is there already."""
+    os.makedirs(folder, exist_ok=True)
+    tag = "".join(options).replace("--", "_").replace("=", "")
+    path = os.path.join(folder, f"{name}_{resolution}{tag}.dfield")
+    if os.path.exists(path):
+        return path
+    mesh = MESHES[name]
+    if mesh.endswith(".xz"):
+        plain = os.path.join(folder, os.path.basename(mesh)[:-3])
+        if not os.path.exists(plain):
+            with lzma.open(mesh) as source, open(plain + ".part", "wb") as target:
+                shutil.copyfileobj(source, target)
+            os.rename(plain + ".part", plain)
+        mesh = plain
+    subprocess.run([CONVERT, mesh, "--resolution", str(resolution), *options, "-q", "-o", path], check=True, stdout=subprocess.DEVNULL)
+    return path
+
+
+def bench(path, *options, frames=36, repeats=1):
+    """One run of df-render --bench as a dictionary of strings."""
+    out = subprocess.run([RENDER, path, f"--bench={frames}", "--repeats", str(repeats), *options], check=True, capture_output=True, text=True)
+    return next(csv.DictReader(io.StringIO(out.stdout)))
+
+
+def interleaved(runs, repeats, frames):
+    """Runs {name: (path, options)} one after the other, `repeats` times; returns {name: [rows]}."""
+    rows = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, (path, options) in runs.items():
+            rows[name].append(bench(path, *options, frames=frames))
+    return rows
+
+
+def median(rows, column):
+    return statistics.median(float(row[column]) for row in rows)
+
+
+def write_csv(path, rows):
+    with open(path, "w", newline="") as out:
+        writer = csv.DictWriter(out, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
