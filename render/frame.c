@@ -27,7 +27,7 @@ struct df_renderer {
     double prepare_ms;
     frame_worker *workers;
     uint8_t shade_table[DF_SHADE_LEVELS];
-    uint8_t background[3];
+    uint8_t *background_row; /* of a tile's width */
 };
 
 void df_shade_table(uint8_t table[]) {
@@ -45,8 +45,19 @@ void df_renderer_close(df_renderer *renderer) {
         df_hits_free(&renderer->workers[i].hits);
     }
     renderer->options.tracer->release(renderer->tracer_state);
+    free(renderer->background_row);
     free(renderer->workers);
     free(renderer);
+}
+
+static df_status make_background(df_renderer *renderer, df_error *err) {
+    const float linear[3] = DF_SHADE_BACKGROUND;
+    df_status status = df_alloc_raw((void **)&renderer->background_row, renderer->tile_width, 3, "background", err);
+    if (status != DF_OK) return status;
+    for (uint32_t i = 0; i < 3 * renderer->tile_width; i++) {
+        renderer->background_row[i] = renderer->shade_table[df_shade_level(linear[i % 3])];
+    }
+    return DF_OK;
 }
 
 df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
@@ -63,15 +74,13 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     renderer->tile_width = whole || options->tile > width ? width : options->tile;
     renderer->tile_height = whole || options->tile > height ? height : options->tile;
     df_shade_table(renderer->shade_table);
-    const float background[3] = DF_SHADE_BACKGROUND;
-    for (int c = 0; c < 3; c++) renderer->background[c] = renderer->shade_table[df_shade_level(background[c])];
-
     uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
     const df_trace_options trace = {renderer->options.kernels, options->solve, options->steps, options->threads, renderer->tile_width,
                                    renderer->tile_height, options->packet, options->no_clip};
     const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
     renderer->prepare_ms = df_now_ms() - start;
+    if (status == DF_OK) status = make_background(renderer, err);
     if (status == DF_OK) {
         status = df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
     }
@@ -94,10 +103,7 @@ void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_
 static void clear_tile(const df_renderer *renderer, const df_tile *tile, const df_picture *picture) {
     for (uint32_t y = tile->y; y < tile->y + tile->height; y++) {
         size_t first = (size_t)y * picture->width + tile->x;
-        if (picture->rgb) {
-            uint8_t *rgb = picture->rgb + 3 * first;
-            for (uint32_t x = 0; x < tile->width; x++) memcpy(rgb + 3 * (size_t)x, renderer->background, 3);
-        }
+        if (picture->rgb) memcpy(picture->rgb + 3 * first, renderer->background_row, 3 * (size_t)tile->width);
         if (picture->depth) {
             for (uint32_t x = 0; x < tile->width; x++) picture->depth[first + x] = INFINITY;
         }
