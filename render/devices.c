@@ -92,7 +92,7 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
         df_status status = df_opencl_find(&d->list, &d->list_count, err);
         if (status != DF_OK) return status;
     }
-    if (d->scene->levels && d->frame.tracer != &df_tracer_dda && d->frame.tracer != df_tracers[0] && d->part_count == 1) {
+    if (d->scene->levels && d->options.tracer_given && d->frame.tracer != &df_tracer_dda && d->part_count == 1) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda", d->frame.tracer->name);
     }
     df_status status = df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);

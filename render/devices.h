@@ -26,6 +26,7 @@ typedef struct df_devices df_devices;
 
 typedef struct df_devices_options {
     df_device_choice choice;
+    bool tracer_given;       /* the tracer of the frame options was asked for by name: OpenCL devices alone refuse what they lack */
     df_opencl_tracer tracer; /* of OpenCL devices, and their work groups: df_opencl_options */
     uint32_t group[2];
     bool images;

@@ -351,6 +351,7 @@ static df_status render(options *opts, session *s, df_error *err) {
     s->settings_text = df_settings_text(settings, &s->camera);
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     const df_tracer *tracer = settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view);
+    opts->devices.tracer_given = settings->tracer != NULL;
     const df_frame_options frame = {tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads,
                                     opts->kernels, settings->packet, settings->no_clip};
     status = alloc_picture(opts, &s->picture, err);
