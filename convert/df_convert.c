@@ -8,6 +8,7 @@
 #include "common/version.h"
 #include "convert/adf.h"
 #include "convert/measure.h"
+#include "convert/quantise.h"
 #include "convert/mesh_check.h"
 #include "convert/mesh_read.h"
 #include "convert/report.h"
@@ -28,6 +29,7 @@ const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 1
 typedef enum distance_method { DISTANCE_EXACT, DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
 static const char *const distance_names[] = {"exact", "cgal", "openvdb", NULL};
 static const char *const sign_names[] = {"auto", "winding", "parity", NULL};
+static const char *const sample_names[] = {"f32", "u16", "u8", "auto", NULL};
 static const char *const structure_names[] = {"bricks", "dense", "adf", NULL};
 
 /* What the command line asks for. */
@@ -42,6 +44,7 @@ typedef struct request {
     bool allow_partial;
     uint32_t measure;        /* points to measure the error at */
     bool measure_given;
+    uint32_t samples;        /* into sample_names */
     df_field_kind structure;
     uint32_t brick_size;
     uint32_t distance;       /* distance_method */
@@ -53,13 +56,16 @@ typedef struct request {
     df_error *err;
 } request;
 
-enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_CHECK, KEY_REPAIR, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_THREADS, KEY_JSON };
+enum { SAMPLES_F32, SAMPLES_U16, SAMPLES_U8, SAMPLES_AUTO };
+enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_CHECK, KEY_REPAIR, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_SAMPLES, KEY_THREADS, KEY_JSON };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
     {"output", 'o', "FILE", 0, "write the field to FILE (default: the input's name with .dfield, in the current folder)", 1},
     {"structure", KEY_STRUCTURE, "NAME", 0, "bricks: samples near the surface only (default); dense: all samples; adf: an octree as fine as --max-error asks", 1},
     {"brick", KEY_BRICK, "K", 0, "voxels along a brick, 4 or 8 (default 8)", 1},
+    {"samples", KEY_SAMPLES, "TYPE", 0,
+     "f32 (default); u16, u8: fewer bytes, rounded; auto: the smallest that stays within --max-error, or adds no more than a tenth to the error", 1},
     {0, 0, 0, 0, "Precision", 2},
     {"resolution", KEY_RESOLUTION, "N", 0, "voxels along the longest side, padding included (default 256)", 2},
     {"voxel-size", KEY_VOXEL_SIZE, "S", 0, "size of a voxel in units of the mesh, in place of --resolution", 2},
@@ -67,8 +73,8 @@ static const struct argp_option options[] = {
     {"distance", KEY_DISTANCE, "NAME", 0,
      "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate", 2},
     {"max-error", KEY_MAX_ERROR, "E[w]", 0,
-     "adf: the largest error near the surface, in voxels of the finest level, or world units with a w behind (default 0.1, as far as the finest level "
-     "reaches)", 2},
+     "the largest error near the surface, in voxels (of the finest level), or world units with a w behind. Octrees are divided as far as it asks "
+     "(default 0.1, as far as the finest level reaches); other structures get the resolution that it asks, unless that is given", 2},
     {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error cannot be reached", 2},
     {"measure", KEY_MEASURE, "N", 0, "random points at which the error is measured, 0 for none (default 20000)", 2},
     {0, 0, 0, 0, "Inside and outside", 3},
@@ -119,6 +125,7 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_MEASURE:
         r->measure_given = true;
         return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
+    case KEY_SAMPLES: return df_parse_name("--samples", arg, sample_names, &r->samples, r->err);
     case KEY_SIGN: return df_parse_name("--sign", arg, sign_names, &r->sign, r->err);
     case KEY_THREADS: return df_parse_u32("--threads", arg, 1, 4096, &r->threads, r->err);
     case KEY_STRUCTURE:
@@ -170,7 +177,10 @@ static df_status check_request(const request *r, df_error *err) {
     if (r->structure == DF_FIELD_ADF && r->distance == DISTANCE_OPENVDB) {
         return df_fail(err, DF_ERROR_USAGE, "--structure adf needs exact distances, --distance openvdb has none");
     }
-    if (r->max_error >= 0 && r->structure != DF_FIELD_ADF) return df_fail(err, DF_ERROR_USAGE, "--max-error needs --structure adf");
+    if ((r->max_error >= 0 || r->samples == SAMPLES_AUTO) && (r->measure == 0 || r->distance == DISTANCE_OPENVDB)) {
+        return df_fail(err, DF_ERROR_USAGE, "%s needs %s", r->max_error >= 0 ? "--max-error" : "--samples auto",
+                       r->measure == 0 ? "points to --measure" : "exact distances, --distance openvdb has none");
+    }
     if (r->measure_given && r->measure && r->distance == DISTANCE_OPENVDB) {
         return df_fail(err, DF_ERROR_USAGE, "--measure needs exact distances, --distance openvdb has none");
     }
@@ -283,9 +293,10 @@ static df_status check_signs(const surface *s, const df_field *field, df_convert
 /* The options that shaped the field, for the provenance. */
 static json_t *json_options(const request *r) {
     json_t *o = json_pack("{s:s, s:f}", "structure", df_field_kind_name(r->structure), "padding", r->padding);
+    json_object_set_new(o, "samples", json_string(sample_names[r->samples]));
     if (r->voxel_size > 0) json_object_set_new(o, "voxel_size", json_real(r->voxel_size));
     else json_object_set_new(o, "resolution", json_integer(r->resolution ? r->resolution : 256));
-    if (r->structure == DF_FIELD_ADF) json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error", json_real(r->max_error < 0 ? 0.1 : r->max_error));
+    if (r->structure == DF_FIELD_ADF || r->max_error >= 0) json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error", json_real(r->max_error < 0 ? 0.1 : r->max_error));
     if (r->structure == DF_FIELD_BRICKS) json_object_set_new(o, "brick", json_integer(r->brick_size));
     return o;
 }
@@ -362,7 +373,7 @@ static df_status build_adf(const request *r, surface *s, const df_lattice *latti
     return status;
 }
 
-/* Measures the field against its source, and holds it against --max-error where that was given. */
+/* Measures the field against its source. */
 static df_status measure_error(const request *r, const surface *s, const df_distance_source *source, df_field *field,
                                df_convert_report *report, df_error *err) {
     if (r->distance == DISTANCE_OPENVDB || r->measure == 0) return DF_OK;
@@ -370,11 +381,43 @@ static df_status measure_error(const request *r, const surface *s, const df_dist
     df_truth truth = {source, &s->sign, same_tree ? df_distance_exact_tree(source) : NULL};
     double start = df_now_ms();
     df_status status = df_measure_error(&truth, r->measure, field, err);
-    report->measure_ms = df_now_ms() - start;
-    double bound = max_error_world(r, field->voxel_size[0]);
-    if (status != DF_OK || r->max_error < 0 || r->allow_partial || field->error_max <= bound) return status;
-    return df_fail(err, DF_ERROR_INPUT, "%s: --max-error %g %s cannot be reached with %u levels: the error is %g; raise --resolution, or pass "
-                   "--allow-partial", r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->level_count,
+    report->measure_ms += df_now_ms() - start;
+    return status;
+}
+
+static bool error_is_reached(const request *r, const df_field *field) {
+    return r->max_error < 0 || field->error_max <= max_error_world(r, field->voxel_size[0]);
+}
+
+/* Stores the samples as --samples asks, and measures again. */
+static df_status store_samples(const request *r, const surface *s, const df_distance_source *source, df_field *field,
+                               df_convert_report *report, df_error *err) {
+    static const df_sample_type smallest_first[] = {DF_SAMPLE_U8, DF_SAMPLE_U16};
+    double largest = 1.1 * field->error_max, rms = 1.1 * field->error_rms;
+    if (r->max_error >= 0 && error_is_reached(r, field)) {
+        largest = max_error_world(r, field->voxel_size[0]);
+        rms = INFINITY;
+    }
+    for (int i = 0; i < 2 && r->samples != SAMPLES_F32; i++) {
+        df_field smaller;
+        if (r->samples != SAMPLES_AUTO && smallest_first[i] != (r->samples == SAMPLES_U16 ? DF_SAMPLE_U16 : DF_SAMPLE_U8)) continue;
+        df_status status = df_quantise(field, smallest_first[i], &smaller, err);
+        if (status == DF_OK) status = measure_error(r, s, source, &smaller, report, err);
+        if (status != DF_OK) return status;
+        if (r->samples != SAMPLES_AUTO || (smaller.error_max <= largest && smaller.error_rms <= rms)) {
+            df_field_free(field);
+            *field = smaller;
+            return DF_OK;
+        }
+        df_field_free(&smaller);
+    }
+    return DF_OK;
+}
+
+static df_status check_error(const request *r, const df_field *field, df_error *err) {
+    if (r->allow_partial || error_is_reached(r, field)) return DF_OK;
+    return df_fail(err, DF_ERROR_INPUT, "%s: --max-error %g %s cannot be reached with voxels of %g: the error is %g; raise --resolution, or pass "
+                   "--allow-partial", r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->voxel_size[0],
                    field->error_max / (r->error_in_world ? 1 : field->voxel_size[0]));
 }
 
@@ -383,13 +426,14 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding, r->brick_size};
     df_status status = df_lattice_make(&wanted, s->low, s->high, r->input, &lattice, err);
     if (status != DF_OK) return status;
+    report->resolution = 0;
     for (int a = 0; a < 3; a++) {
         if (lattice.voxel_count[a] > report->resolution) report->resolution = lattice.voxel_count[a];
     }
     df_distance_source source = {0};
     double start = df_now_ms();
     status = make_source(r, s, &lattice, &source, report, err);
-    report->prepare_ms = df_now_ms() - start;
+    report->prepare_ms += df_now_ms() - start;
     df_shape_cells shape_cells = {&s->shape, &lattice};
     df_build_input input = {.name = r->input, .kind = r->structure, .lattice = &lattice, .source = &source,
                             .mesh = report->is_shape ? NULL : &s->mesh, .sign = &s->sign, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
@@ -398,8 +442,29 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     else if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     if (status == DF_OK) status = check_surface(r->input, field, err);
     if (status == DF_OK) status = measure_error(r, s, &source, field, report, err);
+    if (status == DF_OK) status = store_samples(r, s, &source, field, report, err);
     df_distance_source_free(&source);
-    if (status == DF_OK) status = finish_field(r, s, field, report, err);
+    if (status != DF_OK) df_field_free(field);
+    return status;
+}
+
+/* Builds the field, where only the error is given with the resolution that reaches it: from a coarse one up, by how much the error is too large. */
+#define SEARCH_FIRST 48
+#define SEARCH_LAST 2048
+static df_status build_as_asked(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
+    request attempt = *r;
+    bool search = r->max_error >= 0 && r->structure != DF_FIELD_ADF && r->resolution == 0 && !(r->voxel_size > 0);
+    if (search) attempt.resolution = SEARCH_FIRST + (uint32_t)(2 * r->padding);
+    df_status status = build_field(&attempt, s, field, report, err);
+    while (search && status == DF_OK && !error_is_reached(r, field) && attempt.resolution < SEARCH_LAST) {
+        double excess = field->error_max / fmax(max_error_world(r, field->voxel_size[0]), 1e-300);
+        double next = ceil(attempt.resolution * fmin(fmax(1.03 * excess, 1.1), 3));
+        attempt.resolution = next < SEARCH_LAST ? (uint32_t)next : SEARCH_LAST;
+        df_field_free(field);
+        status = build_field(&attempt, s, field, report, err);
+    }
+    if (status == DF_OK) status = check_error(r, field, err);
+    if (status == DF_OK) status = finish_field(&attempt, s, field, report, err);
     if (status != DF_OK) df_field_free(field);
     return status;
 }
@@ -411,7 +476,7 @@ static df_status convert(const request *r, const char *output, df_error *err) {
     df_field field = {0};
     df_status status = df_output_check(output, err);
     if (status == DF_OK) status = read_surface(r, &s, &report, err);
-    if (status == DF_OK) status = build_field(r, &s, &field, &report, err);
+    if (status == DF_OK) status = build_as_asked(r, &s, &field, &report, err);
     double built = df_now_ms();
     if (status == DF_OK) status = df_field_write(&field, output, err);
     if (status == DF_OK) {

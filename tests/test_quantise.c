@@ -1,0 +1,123 @@
+/* Samples of 16 and 8 bits: signs stay, zeros stay, and what several bricks hold decodes alike. */
+#include "convert/quantise.h"
+#include "fields.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static const uint32_t SIZE[3] = {37, 29, 33};
+
+/* A wavy surface with exact zeros on a plane of samples, and values near zero on both sides. */
+static double wave(const double grid[3], const void *context) {
+    (void)context;
+    if (grid[0] == 16) return 0;
+    double d = (grid[0] - 16) * (1 + 0.3 * sin(grid[1] * 0.7) * cos(grid[2] * 0.5));
+    return fmod(grid[1], 5) == 0 ? d * 1e-7 : d;
+}
+
+static float decoded(const df_field *f, uint64_t i) {
+    uint32_t block = f->kind == DF_FIELD_BRICKS ? df_brick_sample_count(f->brick_size) : DF_FAMILY_SAMPLE_COUNT;
+    return df_field_decode(f, i, f->brick_exponents ? f->brick_exponents[i / block] : f->step_exponent);
+}
+
+static void check_signs(df_field_kind kind, df_sample_type type) {
+    df_field exact, field;
+    df_error err;
+    assert_int_equal(test_field_from_function(&exact, kind, 8, SIZE, wave, NULL, &err), DF_OK);
+    assert_int_equal(df_quantise(&exact, type, &field, &err), DF_OK);
+    assert_int_equal(field.sample_type, type);
+    assert_true(field.sample_count == exact.sample_count);
+    for (uint64_t i = 0; i < field.sample_count; i++) {
+        float was = decoded(&exact, i), is = decoded(&field, i);
+        assert_int_equal(was < 0, is < 0);
+        if (was == 0) assert_true(is == 0 && !signbit(is));
+        assert_true(fabs((double)was - (double)is) <= (type == DF_SAMPLE_U16 ? 2e-3 : 0.6)); /* voxels; the largest value is about 30 */
+    }
+    assert_true(df_field_surface_voxel_count(&field) == df_field_surface_voxel_count(&exact));
+    df_field_free(&field);
+    df_field_free(&exact);
+}
+
+static void signs_and_zeros_are_kept(void **state) {
+    (void)state;
+    for (int type = DF_SAMPLE_U16; type <= DF_SAMPLE_U8; type++) {
+        check_signs(DF_FIELD_DENSE, (df_sample_type)type);
+        check_signs(DF_FIELD_BRICKS, (df_sample_type)type);
+    }
+}
+
+/* Each sample, from every voxel whose brick holds it. */
+static void bricks_do_not_tear(void **state) {
+    (void)state;
+    for (int type = DF_SAMPLE_U16; type <= DF_SAMPLE_U8; type++) {
+        df_field exact, field;
+        df_error err;
+        uint64_t shared = 0;
+        assert_int_equal(test_field_from_function(&exact, DF_FIELD_BRICKS, 4, SIZE, wave, NULL, &err), DF_OK);
+        assert_int_equal(df_quantise(&exact, (df_sample_type)type, &field, &err), DF_OK);
+        for (uint32_t n = 0; n < (SIZE[0] + 1) * (SIZE[1] + 1) * (SIZE[2] + 1); n++) {
+            uint32_t at[3] = {n % (SIZE[0] + 1), n / (SIZE[0] + 1) % (SIZE[1] + 1), n / (SIZE[0] + 1) / (SIZE[1] + 1)};
+            float first = NAN;
+            for (uint32_t c = 0; c < 8; c++) {
+                uint32_t voxel[3];
+                float corners[8];
+                bool exists = true;
+                for (int a = 0; a < 3; a++) {
+                    voxel[a] = at[a] - (c >> a & 1);
+                    exists = exists && voxel[a] < SIZE[a];
+                }
+                if (!exists || !df_field_corners(&field, voxel, corners)) continue;
+                if (!isnan(first)) assert_true(first == corners[c]);
+                shared += !isnan(first) && at[0] % 4 == 0;
+                first = corners[c];
+            }
+        }
+        assert_true(shared > 1000);
+        df_field_free(&field);
+        df_field_free(&exact);
+    }
+}
+
+/* A plane, which leaves of all sizes interpolate exactly: so what differs is the rounding. */
+static double plane(const double grid[3], const void *context) {
+    (void)context;
+    return 0.48 * (grid[0] - 15.3) + 0.6 * (grid[1] - 15.1) + 0.64 * (grid[2] - 16.2);
+}
+
+static void octrees_keep_their_surface(void **state) {
+    (void)state;
+    for (int type = DF_SAMPLE_U16; type <= DF_SAMPLE_U8; type++) {
+        df_field exact, field;
+        df_error err;
+        const uint32_t size[3] = {32, 32, 32};
+        assert_int_equal(test_field_from_function(&exact, DF_FIELD_ADF, 0, size, plane, NULL, &err), DF_OK);
+        assert_int_equal(df_quantise(&exact, (df_sample_type)type, &field, &err), DF_OK);
+        assert_int_equal(field.family_count, exact.family_count);
+        assert_true(df_field_surface_voxel_count(&field) == df_field_surface_voxel_count(&exact));
+        double largest = 0;
+        for (uint32_t n = 0; n < 4000; n++) {
+            double p[3] = {fmod(n * 0.754877666, 1) * 32, fmod(n * 0.569840291, 1) * 32, 0};
+            p[2] = 16.2 - (0.48 * (p[0] - 15.3) + 0.6 * (p[1] - 15.1)) / 0.64;
+            if (!(p[2] > 0 && p[2] < 32)) continue;
+            df_point_info is;
+            df_field_query(&field, p, &is);
+            largest = fmax(largest, fabs(is.value));
+        }
+        /* leaves at the surface share corners with leaves up to four times as large, whose values stay below 16: half a step of those */
+        assert_true(largest > 0 && largest <= (type == DF_SAMPLE_U16 ? 2.5e-4 : 0.065));
+        df_field_free(&field);
+        df_field_free(&exact);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(signs_and_zeros_are_kept),
+        cmocka_unit_test(bricks_do_not_tear),
+        cmocka_unit_test(octrees_keep_their_surface),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
