@@ -5,8 +5,8 @@ import math
 import os
 import subprocess
 
-NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "mc-raster": "mesh, rasterised", "mc-embree": "mesh, Embree"}
-COLOURS = {"auto": "#0072b2", "dda": "#999999", "mc-raster": "#d55e00", "mc-embree": "#009e73"}
+NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "scalar octree walk", "mc-raster": "mesh, rasterised", "mc-embree": "mesh, Embree"}
+COLOURS = {"auto": "#0072b2", "dda": "#999999", "adf": "#cc79a7", "mc-raster": "#d55e00", "mc-embree": "#009e73"}
 
 
 def chart(folder, name, title, x_label, y_label, curves):
@@ -99,7 +99,7 @@ def section(show, rows):
         f"<option value='{t}'{' selected' if t == value else ''}>{html.escape(NAMES.get(t, t))}</option>" for t in titles) + "</select>"
     store = "".join(f"<img hidden data-of='{t}' alt='' src='{data_uri('image/png', png)}'>" for t, png in show["images"].items())
     differences = "".join(f"<figure><img alt='difference of {html.escape(NAMES.get(t, t))}' src='{data_uri('image/png', png)}'><figcaption>{html.escape(NAMES.get(t, t))}"
-                          "</figcaption></figure>" for t, png in show["differences"].items() if t != "dda")
+                          "</figcaption></figure>" for t, png in show["differences"].items() if t not in ("dda", "adf"))
     return (f"<section class=field><h2>{name}, {show['voxels']} voxels</h2><p class=picks>{pick('left', titles[0])} {pick('right', right)}</p>"
             f"<div class=wipe><img class=under alt='left picture'><img class=over alt='right picture'><input type=range min=0 max=100 value=50 "
             f"aria-label='wipe between the two pictures'></div>{store}"
