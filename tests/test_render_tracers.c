@@ -196,6 +196,35 @@ static void tracers_agree_at_every_size_of_picture_and_tile(void **unused) {
     close_scene(&field, &scene);
 }
 
+static void cgt_agrees_for_every_packet_with_and_without_clipping(void **unused) {
+    (void)unused;
+    enum { W = 90, H = 61 };
+    df_field field;
+    df_scene scene;
+    df_camera camera;
+    df_view view;
+    df_error err;
+    picture reference = new_picture(W, H), other = new_picture(W, H);
+    open_scene(&field, &scene, DF_FIELD_BRICKS, 4, 30, rings);
+    df_camera_orbit(&field, 12, 50, 0.9, &camera);
+    camera.fov_y = 1.4;
+    if (df_view_make(&camera, &field, W, H, &view, &err)) fail_msg("%s", err.text);
+    const df_frame_options plain = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 64, 1, NULL, 0, false};
+    draw(&scene, &view, &plain, &reference);
+    for (uint32_t packet = 1; packet <= DF_CGT_PACKET_MAX; packet *= 2) {
+        for (int clip = 0; clip < 2; clip++) {
+            df_frame_options options = {&df_tracer_cgt, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 48, 2, NULL, packet, !clip};
+            if (df_kernels_select("auto", &options.kernels, &err)) fail_msg("%s", err.text);
+            draw(&scene, &view, &options, &other);
+            assert_memory_equal(reference.depth, other.depth, W * H * sizeof(float));
+            assert_memory_equal(reference.rgb, other.rgb, 3 * W * H);
+        }
+    }
+    free_picture(&reference);
+    free_picture(&other);
+    close_scene(&field, &scene);
+}
+
 static void fields_without_a_surface_or_with_one_voxel_draw(void **unused) {
     (void)unused;
     static const double sizes[] = {1, 2, 3, 9};
@@ -218,6 +247,7 @@ int main(void) {
         cmocka_unit_test(tracers_agree_where_rays_run_along_the_grid),
         cmocka_unit_test(tracers_agree_from_inside_and_afar),
         cmocka_unit_test(tracers_agree_at_every_size_of_picture_and_tile),
+        cmocka_unit_test(cgt_agrees_for_every_packet_with_and_without_clipping),
         cmocka_unit_test(fields_without_a_surface_or_with_one_voxel_draw),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
