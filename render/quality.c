@@ -11,7 +11,7 @@
 static const struct {
     int steps;
     double error;
-} robust_errors[] = {{1, 0.2}, {2, 0.065}, {3, 0.03}, {4, 0.013}, {6, 8e-4}, {16, 3e-6}};
+} robust_errors[] = {{1, 0.55}, {2, 0.19}, {3, 0.07}, {4, 0.018}, {6, 1.2e-3}, {16, 3e-6}};
 enum { CHOICE_COUNT = sizeof robust_errors / sizeof robust_errors[0] };
 
 /* From the eye to the nearest point of the field's box, world units. */
