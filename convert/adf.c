@@ -116,7 +116,7 @@ static bool misses_faces(const builder *b, const candidate *c, uint32_t side, do
     return false;
 }
 
-/* May a face cross a box? Judged by the face's box and plane. */
+/* Does a face cross a box? By the axes that may separate them: the face's box and plane, and across pairs of edges (Akenine-Moeller 2001). */
 static bool face_meets(const df_mesh *mesh, uint32_t face, const double centre[3], double half) {
     const double *v[3];
     for (int n = 0; n < 3; n++) v[n] = mesh->positions + (size_t)mesh->faces[(size_t)face * 3 + (size_t)n] * 3;
@@ -130,7 +130,19 @@ static bool face_meets(const df_mesh *mesh, uint32_t face, const double centre[3
         height += n * (centre[a] - v[0][a]);
         reach += fabs(n) * half;
     }
-    return fabs(height) <= reach * (1 + 1e-9);
+    if (fabs(height) > reach * (1 + 1e-9)) return false;
+    for (int n = 0; n < 3; n++) { /* axes across an edge of the face and one of the box */
+        const double *p = v[n], *q = v[(n + 1) % 3], *r = v[(n + 2) % 3];
+        for (int a = 0; a < 3; a++) {
+            int i = (a + 1) % 3, j = (a + 2) % 3;
+            double di = q[i] - p[i], dj = q[j] - p[j];
+            double edge = di * (p[j] - centre[j]) - dj * (p[i] - centre[i]);
+            double across = di * (r[j] - centre[j]) - dj * (r[i] - centre[i]);
+            double radius = (fabs(di) + fabs(dj)) * half * (1 + 1e-9);
+            if (fmin(edge, across) > radius || fmax(edge, across) < -radius) return false;
+        }
+    }
+    return true;
 }
 
 /* Whether the surface may cross child `c` of a cell; with a mesh its faces go to *faces. */

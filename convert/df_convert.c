@@ -318,7 +318,7 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     if (report->build.wall_count) report->sign_reason = "the sign changes where no surface is";
     else if (report->sign_contradictions) report->sign_reason = "CGAL's inside test disagrees";
     else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
-    else if (r->structure == DF_FIELD_DENSE && made->cap_count) report->sign_reason = "the mesh has holes";
+    else if (r->structure != DF_FIELD_BRICKS && made->cap_count) report->sign_reason = "the mesh has holes";
     if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
     if (report->repaired && (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
         report->sign_reason = "the mesh was repaired";
