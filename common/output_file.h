@@ -14,6 +14,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct df_output {
     int fd; /* -1 when closed */
     bool direct;        /* the target is no regular file: written in place */
@@ -42,4 +46,7 @@ df_status df_output_check(const char *path, df_error *err);
 /* Writes a whole buffer to a file: open, write, commit. */
 df_status df_output_buffer(const char *path, const void *data, size_t size, df_error *err);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

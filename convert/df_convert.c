@@ -7,6 +7,8 @@
 #include "common/progress.h"
 #include "common/version.h"
 #include "convert/adf.h"
+#include "convert/array_file.h"
+#include "convert/exchange.h"
 #include "convert/measure.h"
 #include "convert/quantise.h"
 #include "convert/mesh_check.h"
@@ -53,11 +55,16 @@ typedef struct request {
     bool strict;             /* uncertain signs are a failure */
     uint32_t threads;        /* 0: as OpenMP chooses */
     bool json, quiet;
+    const char *grid;        /* of a .vdb; NULL: the only one */
+    double band;             /* voxels; 0: not given */
+    bool fill, structure_given, brick_given;
+    const char *mesh_option; /* an option that shapes a field of a mesh, where one was given */
     df_error *err;
 } request;
 
 enum { SAMPLES_F32, SAMPLES_U16, SAMPLES_U8, SAMPLES_AUTO };
 enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_CHECK, KEY_REPAIR, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_SAMPLES, KEY_THREADS, KEY_JSON };
+enum { KEY_GRID = 512, KEY_BAND, KEY_FILL };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
@@ -66,6 +73,10 @@ static const struct argp_option options[] = {
     {"brick", KEY_BRICK, "K", 0, "voxels along a brick, 4 or 8 (default 8)", 1},
     {"samples", KEY_SAMPLES, "TYPE", 0,
      "f32 (default); u16, u8: fewer bytes, rounded; auto: the smallest that stays within --max-error, or adds no more than a tenth to the error", 1},
+    {"band", KEY_BAND, "N", 0,
+     "cut distances at N voxels from the surface: .vdb (default: all that bricks store, 3 of a dense field), .npy, .nrrd, dense fields of fields", 1},
+    {"fill", KEY_FILL, 0, 0, "a dense field of bricks: samples that they do not hold get the least distance they can have", 1},
+    {"grid", KEY_GRID, "NAME", 0, "the level set to read of a .vdb (default: the only one)", 1},
     {0, 0, 0, 0, "Precision", 2},
     {"resolution", KEY_RESOLUTION, "N", 0, "voxels along the longest side, padding included (default 256)", 2},
     {"voxel-size", KEY_VOXEL_SIZE, "S", 0, "size of a voxel in units of the mesh, in place of --resolution", 2},
@@ -93,7 +104,7 @@ static const struct argp_option options[] = {
 
 static const char doc[] =
     "Turns a triangle mesh into a signed distance field, negative inside.\v"
-    "INPUT is a mesh (.obj, .ply, .off, .stl) or an analytic shape:\n"
+    "INPUT is a mesh (.obj, .ply, .off, .stl), a field (.dfield, .vdb, .npy, .nrrd), or an analytic shape:\n"
     "  shape:sphere:radius=1\n"
     "  shape:torus:major=1,minor=0.4\n"
     "  shape:box:x=2,y=2,z=2\n"
@@ -101,6 +112,7 @@ static const char doc[] =
     "  shape:gyroid:period=1,thickness=0.1,size=2\n"
     "  shape:shell:radius=1,thickness=0.1\n"
     "each with cx, cy, cz for its centre.\n\n"
+    "The output's extension chooses its format: .dfield, .vdb, .npy, .nrrd.\n\n"
     "Example: df-convert bunny.obj --resolution 256 && df-render bunny.dfield";
 
 static df_status parse_max_error(request *r, const char *arg) {
@@ -132,6 +144,7 @@ static df_status parse_value(request *r, int key, const char *arg) {
         status = df_parse_name("--structure", arg, structure_names, &index, r->err);
         if (status == DF_OK) r->structure = index == 0 ? DF_FIELD_BRICKS : index == 1 ? DF_FIELD_DENSE : DF_FIELD_ADF;
         return status;
+    case KEY_BAND: return df_parse_double("--band", arg, 2, 100000, &r->band, r->err);
     case KEY_BRICK:
         status = df_parse_u32("--brick", arg, 4, 8, &r->brick_size, r->err);
         if (status == DF_OK && r->brick_size != 4 && r->brick_size != 8) {
@@ -142,12 +155,27 @@ static df_status parse_value(request *r, int key, const char *arg) {
     }
 }
 
+/* Notes options that have no meaning for every kind of input. */
+static void note_option(request *r, int key) {
+    if (key == KEY_RESOLUTION) r->mesh_option = "--resolution";
+    if (key == KEY_PADDING) r->mesh_option = "--padding";
+    if (key == KEY_DISTANCE) r->mesh_option = "--distance";
+    if (key == KEY_SIGN) r->mesh_option = "--sign";
+    if (key == KEY_MAX_ERROR) r->mesh_option = "--max-error";
+    if (key == KEY_MEASURE) r->mesh_option = "--measure";
+    if (key == KEY_SAMPLES) r->mesh_option = "--samples";
+    r->structure_given = r->structure_given || key == KEY_STRUCTURE;
+    r->brick_given = r->brick_given || key == KEY_BRICK;
+}
+
 static error_t parse_option(int key, char *arg, struct argp_state *state) {
     request *r = state->input;
     switch (key) {
     case 'o': r->output = arg; break;
     case 'q': r->quiet = true; break;
     case KEY_JSON: r->json = true; break;
+    case KEY_GRID: r->grid = arg; break;
+    case KEY_FILL: r->fill = true; break;
     case KEY_STRICT: r->strict = true; break;
     case KEY_CHECK: r->check = true; break;
     case KEY_REPAIR: r->repair = true; break;
@@ -158,18 +186,42 @@ static error_t parse_option(int key, char *arg, struct argp_state *state) {
         break;
     case ARGP_KEY_NO_ARGS: argp_usage(state); break;
     default:
-        if (key < 256 || key > KEY_JSON) return ARGP_ERR_UNKNOWN;
+        if (key != KEY_BAND && (key < 256 || key > KEY_JSON)) return ARGP_ERR_UNKNOWN;
+        note_option(r, key);
         return parse_value(r, key, arg) == DF_OK ? 0 : EINVAL;
     }
     return 0;
 }
 
+/* Options of a conversion from field to field, or to other programs' files. */
+static df_status check_exchange(const request *r, df_error *err) {
+    bool is_vdb = df_exchange_is_output(r->input) && !df_exchange_needs_dense(r->input);
+    bool is_npy = df_array_format_of(r->input) == DF_ARRAY_NPY;
+    if (r->grid && !is_vdb) return df_fail(err, DF_ERROR_USAGE, "--grid: for .vdb inputs");
+    if (df_exchange_is_input(r->input)) {
+        const char *option = r->check ? "--check" : r->repair ? "--repair" : r->strict ? "--strict" : r->mesh_option;
+        if (r->voxel_size > 0 && !is_npy) option = "--voxel-size";
+        if (option) return df_fail(err, DF_ERROR_USAGE, "%s: %s has its samples already", option, r->input);
+        if (!r->output && !df_exchange_is_output(r->input)) return df_fail(err, DF_ERROR_USAGE, "%s: a .dfield needs -o", r->input);
+    } else if (r->fill) {
+        return df_fail(err, DF_ERROR_USAGE, "--fill: for dense fields of bricks");
+    } else if (r->band > 0 && !(r->output && df_exchange_is_output(r->output))) {
+        return df_fail(err, DF_ERROR_USAGE, "--band: for .vdb, .npy and .nrrd, and dense fields of fields");
+    }
+    if (r->output && df_exchange_needs_dense(r->output) && r->structure_given && r->structure != DF_FIELD_DENSE) {
+        return df_fail(err, DF_ERROR_USAGE, "%s: an array is dense, --structure asks for something else", r->output);
+    }
+    return DF_OK;
+}
+
 static df_status check_request(const request *r, df_error *err) {
+    df_status status = check_exchange(r, err);
+    if (status != DF_OK || df_exchange_is_input(r->input)) return status;
     if (r->resolution && r->voxel_size > 0) {
         return df_fail(err, DF_ERROR_USAGE, "--resolution and --voxel-size exclude each other");
     }
     if (!df_shape_is_name(r->input) && !df_mesh_is_mesh_path(r->input)) {
-        return df_fail(err, DF_ERROR_USAGE, "%s: unknown format (known are .obj, .ply, .off, .stl and shape:NAME)", r->input);
+        return df_fail(err, DF_ERROR_USAGE, "%s: unknown format (known are .obj, .ply, .off, .stl, .dfield, .vdb, .npy, .nrrd and shape:NAME)", r->input);
     }
     if (df_shape_is_name(r->input) && r->distance != DISTANCE_EXACT) {
         return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance", distance_names[r->distance]);
@@ -478,7 +530,7 @@ static df_status convert(const request *r, const char *output, df_error *err) {
     if (status == DF_OK) status = read_surface(r, &s, &report, err);
     if (status == DF_OK) status = build_as_asked(r, &s, &field, &report, err);
     double built = df_now_ms();
-    if (status == DF_OK) status = df_field_write(&field, output, err);
+    if (status == DF_OK) status = df_exchange_write(&field, output, r->band, err);
     if (status == DF_OK) {
         struct stat info;
         struct rusage usage;
@@ -494,6 +546,13 @@ static df_status convert(const request *r, const char *output, df_error *err) {
     df_mesh_free(&s.mesh);
     df_field_free(&field);
     return status;
+}
+
+static df_status convert_field(const request *r, const char *output, df_error *err) {
+    df_exchange_request wanted = {.input = r->input, .output = output, .structure = r->structure_given ? r->structure : 0,
+                                  .brick_size = r->brick_given ? r->brick_size : 0, .grid = r->grid, .band = r->band, .fill = r->fill, .voxel_size = r->voxel_size,
+                                  .json = r->json, .quiet = r->quiet};
+    return df_exchange_convert(&wanted, err);
 }
 
 /* Where the field goes when no -o says so: NAME.dfield in the current folder. */
@@ -523,7 +582,9 @@ int main(int argc, char **argv) {
     char *derived = status == DF_OK && !r.output ? default_output(r.input) : NULL;
     const char *output = r.output ? r.output : derived;
     if (status == DF_OK && !output) status = df_fail(&err, DF_ERROR_MEMORY, "out of memory");
-    if (status == DF_OK) status = r.check ? check_mesh(&r, &err) : convert(&r, output, &err);
+    if (output && df_exchange_needs_dense(output)) r.structure = DF_FIELD_DENSE;
+    if (status == DF_OK && df_exchange_is_input(r.input)) status = convert_field(&r, output, &err);
+    else if (status == DF_OK) status = r.check ? check_mesh(&r, &err) : convert(&r, output, &err);
     if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
     if (status != DF_OK) fprintf(stderr, PROGRAM ": %s\n", err.text);
     free(derived);
