@@ -53,7 +53,11 @@ void fill(const void *user, const df_lattice *lattice, const df_sample_box *box,
 }
 
 double at(const void *user, const double p[3]) {
-    return std::sqrt(static_cast<const context *>(user)->tree->squared_distance(Point(p[0], p[1], p[2])));
+    try {
+        return std::sqrt(static_cast<const context *>(user)->tree->squared_distance(Point(p[0], p[1], p[2])));
+    } catch (...) {
+        return NAN; // as in fill
+    }
 }
 
 void release(void *user) { delete static_cast<context *>(user); }

@@ -125,6 +125,7 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, const 
     }
     if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     for (uint64_t i = 0; i < count; i++) sum += probes[i].local[0] * probes[i].local[0]; /* in order: the same sum for any threads */
+    if (isnan(sum)) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     field->error_max = largest;
     field->error_rms = count ? sqrt(sum / (double)count) : 0;
     return DF_OK;
