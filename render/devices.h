@@ -6,7 +6,7 @@
 #define DF_DEVICES_H
 
 #include "render/frame.h"
-#include "render/opencl_frame.h"
+#include "render/opencl/opencl_frame.h"
 
 #define DF_DEVICE_MAX 8u
 

@@ -8,7 +8,7 @@
 #include "common/progress.h"
 #include "common/version.h"
 #include "render/bench.h"
-#include "render/export.h"
+#include "render/mesh/export.h"
 #include "render/quality.h"
 
 #include <argp.h>

@@ -1,7 +1,7 @@
 #include "render/frame.h"
 #include "common/memory.h"
 #include "common/progress.h"
-#include "render/shade.h"
+#include "render/methods/shade.h"
 
 #include <assert.h>
 #include <math.h>

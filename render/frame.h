@@ -5,7 +5,7 @@
 #ifndef DF_FRAME_H
 #define DF_FRAME_H
 
-#include "render/kernels.h"
+#include "render/cpu/kernels.h"
 
 /* What a picture consists of; arrays that are NULL are not wanted. Rows from top to bottom. */
 typedef struct df_picture {

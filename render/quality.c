@@ -1,6 +1,6 @@
 #include "render/quality.h"
-#include "render/gradient.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
 #include "render/tracer.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "render/scene.h"
 #include "common/memory.h"
 #include "common/progress.h"
-#include "render/gradient.h"
+#include "render/methods/gradient.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "render/settings.h"
 #include "common/options.h"
-#include "render/gradient.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
 
 #include <math.h>
 #include <stdio.h>

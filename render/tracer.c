@@ -1,6 +1,6 @@
 #include "render/tracer.h"
 #include "common/memory.h"
-#include "render/solve_methods.h"
+#include "render/methods/solve_methods.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 #include "render/view.h"
 #include "common/memory.h"
-#include "render/kernels.h"
+#include "render/cpu/kernels.h"
 
 #include <assert.h>
 #include <math.h>

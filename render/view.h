@@ -9,7 +9,7 @@
 #define DF_VIEW_H
 
 #include "common/field.h"
-#include "render/ray.h"
+#include "render/methods/ray.h"
 
 #include <stdbool.h>
 #include <stdint.h>

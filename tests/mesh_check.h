@@ -4,7 +4,7 @@
 #define DF_TESTS_MESH_CHECK_H
 
 #include "common/field.h"
-#include "render/marching_cubes.h"
+#include "render/mesh/marching_cubes.h"
 
 typedef struct mesh_check {
     uint64_t border_edges;       /* half edges without an opposite */

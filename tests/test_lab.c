@@ -4,7 +4,7 @@
  */
 #include "fields.h"
 #include "lab/measure.h"
-#include "render/solve_methods.h"
+#include "render/methods/solve_methods.h"
 
 #include <math.h>
 #include <setjmp.h>

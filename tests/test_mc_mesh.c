@@ -1,4 +1,4 @@
-/* Claims about marching cubes: render/marching_cubes.h. */
+/* Claims about marching cubes: render/mesh/marching_cubes.h. */
 #include "fields.h"
 #include "mesh_check.h"
 #include "mesh_judge.h"

@@ -4,7 +4,7 @@
 #include "lab/mesh_truth.h"
 #include "lab/random.h"
 #include "lab/surface.h"
-#include "render/marching_cubes.h"
+#include "render/mesh/marching_cubes.h"
 
 #include <math.h>
 #include <setjmp.h>

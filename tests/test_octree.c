@@ -5,7 +5,7 @@
 #include "fields.h"
 #include "lab/measure.h"
 #include "lab/octree.h"
-#include "render/solve_methods.h"
+#include "render/methods/solve_methods.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

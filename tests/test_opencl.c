@@ -1,10 +1,10 @@
 /* OpenCL against the scalar tracer. With --full: every structure, sample type, solve and gradient; otherwise pairs of them. */
 #include "common/memory.h"
 #include "fields.h"
-#include "render/gradient.h"
+#include "render/methods/gradient.h"
 #include "render/devices.h"
-#include "render/opencl_frame.h"
-#include "render/solve_methods.h"
+#include "render/opencl/opencl_frame.h"
+#include "render/methods/solve_methods.h"
 #include "tracing.h"
 
 #include <math.h>
@@ -378,7 +378,7 @@ static void a_kernel_that_does_not_build_names_its_file_and_line(void **state) {
     size_t log_size;
     FILE *stream = open_memstream(&log, &log_size);
     assert_int_equal(df_opencl_open(&devices[device], &opened, &err), DF_OK);
-    assert_int_equal(df_opencl_build_source(&opened, "#line 41 \"render/kernels/wrong.cl\"\n__kernel void f() { nothing(; }\n", "", stream, &err),
+    assert_int_equal(df_opencl_build_source(&opened, "#line 41 \"render/opencl/wrong.cl\"\n__kernel void f() { nothing(; }\n", "", stream, &err),
                      DF_ERROR_UNSUPPORTED);
     fclose(stream);
     assert_non_null(strstr(err.text, "wrong.cl:41"));

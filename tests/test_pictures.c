@@ -5,8 +5,8 @@
 #include "fields.h"
 #include "lab/surface.h"
 #include "render/frame.h"
-#include "render/gradient.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,8 +1,8 @@
 /* Analytic shapes through the tracers: what is hit, what is missed, and that structures agree to the bit. */
 #include "fields.h"
 #include "render/frame.h"
-#include "render/gradient.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
 #include "tracing.h"
 
 #include <math.h>

@@ -1,8 +1,8 @@
 /* Every tracer with every instruction set draws the picture of the scalar 3DDDA, bit for bit. */
 #include "fields.h"
 #include "render/frame.h"
-#include "render/gradient.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -9,12 +9,12 @@
 #include "fields.h"
 #include "lab/random.h"
 #include "lab/truth.h"
-#include "render/solve_methods.h"
+#include "render/methods/solve_methods.h"
 #include "tracing.h"
 
-#include "render/lane_f32.h"
+#include "render/methods/lane_f32.h"
 
-#include "render/cell.h"
+#include "render/methods/cell.h"
 
 #include <float.h>
 #include <math.h>

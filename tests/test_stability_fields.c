@@ -6,9 +6,9 @@
 #include "fields.h"
 #include "lab/measure.h"
 #include "lab/random.h"
-#include "render/gradient.h"
-#include "render/shade.h"
-#include "render/solve_methods.h"
+#include "render/methods/gradient.h"
+#include "render/methods/shade.h"
+#include "render/methods/solve_methods.h"
 #include "tracing.h"
 
 #include <math.h>

@@ -2,7 +2,7 @@
 #ifndef DF_TESTS_TRACING_H
 #define DF_TESTS_TRACING_H
 
-#include "render/kernels.h"
+#include "render/cpu/kernels.h"
 
 /* A hit or a miss by ray, so that results can be compared ray by ray. */
 typedef struct test_hit {

@@ -13,10 +13,10 @@
 #include "fields.h"
 #include "measure.h"
 #include "render/frame.h"
-#include "render/gradient.h"
+#include "render/methods/gradient.h"
 #include "render/quality.h"
-#include "render/shade.h"
-#include "render/solve_methods.h"
+#include "render/methods/shade.h"
+#include "render/methods/solve_methods.h"
 #include "table.h"
 
 #include <inttypes.h>

@@ -9,7 +9,7 @@
 
 #include "families.h"
 #include "mesh_truth.h"
-#include "render/kernels.h"
+#include "render/cpu/kernels.h"
 #include "surface.h"
 
 /* Values by size in bins of 1/50 decade, from 1e-18 to 1e3; smaller ones count as 0. */

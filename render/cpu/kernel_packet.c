@@ -1,0 +1,339 @@
+/*
+ * The 3DDDA over lanes: every lane walks its own ray by the rules of dda.h. Lanes walk coarse cells until each holds a block or
+ * has left, then voxels until each has an accepted one or has left its block, and so on.
+ */
+#include "render/cpu/fetch.h"
+#include "render/cpu/kernel.h"
+
+#include <math.h>
+
+#include "render/methods/lane_f32.h"
+
+#include "render/methods/cell.h"
+
+typedef struct packet {
+    lf origin[3], direction[3], inverse[3];
+    lm upward[3];
+} packet;
+
+/* The event by which each lane came into its cell: t and axis, 3 at the start of the ray. */
+typedef struct events {
+    lf t, axis;
+} events;
+
+/* A box of cells of `size` voxels: low <= cell < high, by lane. */
+typedef struct boxes {
+    lf low[3], high[3];
+    li stride[3];
+    lf size, inverse_size;
+} boxes;
+
+typedef struct walks {
+    lf leave[3], plane[3], plane_step[3];
+    lf left[3]; /* cells up to the end of the box, this one included */
+    li index, stride[3];
+} walks;
+
+static lf plane_t(const packet *p, int axis, lf plane) {
+    return (plane - p->origin[axis]) * p->inverse[axis];
+}
+
+static lm equal(lf a, lf b) {
+    return lm_and(lf_le(a, b), lf_le(b, a));
+}
+
+static lm precedes(lf t, int axis, events at) {
+    return lm_or(lf_lt(t, at.t), lm_and(equal(t, at.t), lf_lt(lf_set((float)axis), at.axis)));
+}
+
+/* dda_cell_after: the cell along an axis that the events do not cross. */
+static lf cell_after(const boxes *box, const packet *p, int axis, events at, lm active) {
+    const lf one = lf_set(1), zero = lf_set(0), up = lf_select(p->upward[axis], one, zero), down = one - up;
+    const lf step = up - down, end = box->high[axis] - one;
+    const lf position = (p->origin[axis] + at.t * p->direction[axis]) * box->inverse_size;
+    const lf first = lf_select(p->upward[axis], box->low[axis], end), last = lf_select(p->upward[axis], end, box->low[axis]);
+    lf cell = lf_floor(lf_min(lf_max(position, box->low[axis]), end));
+    for (lm go = active; lm_any(go);) {
+        go = lm_and(go, lm_and(lm_not(equal(cell, last)), precedes(plane_t(p, axis, (cell + up) * box->size), axis, at)));
+        cell = lf_select(go, cell + step, cell);
+    }
+    for (lm go = active; lm_any(go);) {
+        go = lm_and(go, lm_and(lm_not(equal(cell, first)), lm_not(precedes(plane_t(p, axis, (cell + down) * box->size), axis, at))));
+        cell = lf_select(go, cell - step, cell);
+    }
+    return cell;
+}
+
+/* dda_begin for the active lanes; the others get walks that must not be stepped, with index 0. */
+static void begin(walks *w, const boxes *box, const packet *p, events at, lm active) {
+    const lf one = lf_set(1), zero = lf_set(0);
+    li index = li_set(0);
+    for (int a = 0; a < 3; a++) {
+        const lf up = lf_select(p->upward[a], one, zero), end = box->high[a] - one;
+        const lf first = lf_select(p->upward[a], box->low[a], end);
+        const lf cell = lf_select(equal(at.axis, lf_set((float)a)), first, cell_after(box, p, a, at, active));
+        const lf from_low = cell - box->low[a];
+        w->plane_step[a] = lf_select(p->upward[a], box->size, zero - box->size);
+        w->stride[a] = li_select(p->upward[a], box->stride[a], li_mul(box->stride[a], li_set(-1)));
+        w->left[a] = lf_select(p->upward[a], box->high[a] - cell, from_low + one);
+        w->plane[a] = (cell + up) * box->size;
+        w->leave[a] = plane_t(p, a, w->plane[a]);
+        index = li_add(index, li_mul(li_from_lf(lf_select(active, from_low, zero)), box->stride[a]));
+    }
+    w->index = index;
+}
+
+/* Where the lanes leave their cells. */
+static events leave(const walks *w) {
+    const lm y = lf_lt(w->leave[1], w->leave[0]);
+    events at = {lf_select(y, w->leave[1], w->leave[0]), lf_select(y, lf_set(1), lf_set(0))};
+    const lm z = lf_lt(w->leave[2], at.t);
+    at.t = lf_select(z, w->leave[2], at.t);
+    at.axis = lf_select(z, lf_set(2), at.axis);
+    return at;
+}
+
+/* Steps the active lanes across the axes of `at`; returns those that are still in their box. */
+static lm step(walks *w, const packet *p, events at, lm active) {
+    lm inside = active;
+    for (int a = 0; a < 3; a++) {
+        const lm across = lm_and(active, equal(at.axis, lf_set((float)a)));
+        w->left[a] = lf_select(across, w->left[a] - lf_set(1), w->left[a]);
+        const lm stays = lm_and(across, lf_lt(lf_set(0.5f), w->left[a]));
+        inside = lm_and(inside, lm_or(lm_not(across), stays));
+        w->index = li_select(stays, li_add(w->index, w->stride[a]), w->index);
+        w->plane[a] = lf_select(stays, w->plane[a] + w->plane_step[a], w->plane[a]);
+        w->leave[a] = lf_select(stays, plane_t(p, a, w->plane[a]), w->leave[a]);
+    }
+    return inside;
+}
+
+static void cell_of(const walks *w, lf lower[3]) {
+    for (int a = 0; a < 3; a++) {
+        const lm up = lf_lt(lf_set(0), w->plane_step[a]);
+        lower[a] = lf_select(up, w->plane[a] - w->plane_step[a], w->plane[a]);
+    }
+}
+
+/* dda_enter_box. */
+static lm enter(const packet *p, const uint32_t box[3], events *at) {
+    lf t_out = lf_set(INFINITY);
+    events in = {lf_set(-INFINITY), lf_set(0)};
+    for (int a = 0; a < 3; a++) {
+        const lf low = plane_t(p, a, lf_set(0)), high = plane_t(p, a, lf_set((float)box[a]));
+        const lf near = lf_min(low, high), far = lf_max(low, high);
+        const lm later = lf_le(in.t, near);
+        in.t = lf_select(later, near, in.t);
+        in.axis = lf_select(later, lf_set((float)a), in.axis);
+        t_out = lf_min(t_out, far);
+    }
+    const lm outside = lf_lt(lf_set(0), in.t);
+    at->t = lf_select(outside, in.t, lf_set(0));
+    at->axis = lf_select(outside, in.axis, lf_set(3));
+    return lf_le(at->t, t_out);
+}
+
+typedef struct found {
+    float lower[3][DF_LANES];
+    int32_t block[DF_LANES];
+} found;
+
+/* Which of the lanes' voxels are accepted; fills `out` for them. */
+static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], const int32_t *block, lm lanes, found *out,
+                 uint32_t *inside_bits, df_counters *counters) {
+    const df_scene *scene = job->scene;
+    float corners[8][DF_LANES] = {{0}}, at[3][DF_LANES];
+    df_segment_f32 segment;
+    lanes = lm_and(lanes, df_cell_segment_f32(p->origin, p->direction, p->inverse, lf_set(0), lower, lf_set(1), &segment));
+    uint32_t bits = lm_bits(lanes);
+    if (!bits) return lanes;
+    counters->cells_tested += (uint32_t)__builtin_popcount(bits);
+    for (int a = 0; a < 3; a++) lf_store(at[a], lower[a]);
+    for (uint32_t rest = bits; rest; rest &= rest - 1) {
+        const int i = __builtin_ctz(rest);
+        const uint32_t voxel[3] = {(uint32_t)at[0][i], (uint32_t)at[1][i], (uint32_t)at[2][i]};
+        if (scene->field->sample_type == DF_SAMPLE_F32) {
+            const df_fetch f = df_fetch_corner(scene, voxel, (uint32_t)block[i]);
+            for (int c = 0; c < 8; c++) {
+                corners[c][i] = f.corner[(c & 1) + (c & 2 ? f.row : 0) + (c & 4 ? f.slice : 0)] - scene->iso;
+            }
+        } else {
+            float corner[8];
+            df_scene_corners(scene, voxel, (uint32_t)block[i], corner);
+            for (int c = 0; c < 8; c++) corners[c][i] = corner[c];
+        }
+    }
+    lf corner[8];
+    lm inside;
+    for (int c = 0; c < 8; c++) corner[c] = lf_load(corners[c]);
+    const lm hit = lm_and(lanes, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
+    for (uint32_t rest = lm_bits(hit); rest; rest &= rest - 1) {
+        const int i = __builtin_ctz(rest);
+        for (int a = 0; a < 3; a++) out->lower[a][i] = at[a][i];
+        out->block[i] = block[i];
+        *inside_bits = (*inside_bits & ~(1u << i)) | ((lm_bits(inside) >> i & 1u) << i);
+    }
+    return hit;
+}
+
+static void count(df_counters *counters, uint64_t *steps, lm active) {
+    const uint32_t lanes = (uint32_t)__builtin_popcount(lm_bits(active));
+    *steps += lanes;
+    counters->lanes_active += lanes;
+    counters->lanes_total += DF_LANES;
+}
+
+/* Walks the voxels of every active lane's block; returns the lanes that hit. */
+static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *coarse, const int32_t *block, events at, lm active,
+                      found *out, uint32_t *inside_bits, df_counters *counters) {
+    const df_scene *scene = job->scene;
+    const int32_t k = (int32_t)scene->k, words = 2 * (int32_t)df_brick_mask_words(scene->k);
+    boxes box = {.size = lf_set(1), .inverse_size = lf_set(1), .stride = {li_set(1), li_set(k), li_set(k * k)}};
+    walks w;
+    lm hits = lm_first(0);
+    cell_of(coarse, box.low);
+    for (int a = 0; a < 3; a++) box.high[a] = box.low[a] + lf_set((float)k);
+    begin(&w, &box, p, at, active);
+    const li first = li_mul(li_select(active, li_load(block), li_set(0)), li_set(words));
+    while (lm_any(active)) {
+        count(counters, &counters->fine_steps, active);
+        const li word = li_gather((const int32_t *)(const void *)scene->masks, li_add(first, li_shift_right(w.index, 5)));
+        const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
+        if (lm_any(surface)) {
+            lf lower[3];
+            cell_of(&w, lower);
+            const lm hit = accept(job, p, lower, block, surface, out, inside_bits, counters);
+            hits = lm_or(hits, hit);
+            active = lm_and(active, lm_not(hit));
+        }
+        active = step(&w, p, leave(&w), active);
+    }
+    return hits;
+}
+
+static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits, df_counters *counters) {
+    const df_scene *scene = job->scene;
+    const uint32_t *coarse_count = scene->coarse_count;
+    const lf size = lf_set((float)scene->k);
+    boxes box = {.size = size, .inverse_size = lf_set(1) / size,
+                 .stride = {li_set(1), li_set((int32_t)coarse_count[0]), li_set((int32_t)(coarse_count[0] * coarse_count[1]))}};
+    uint32_t extent[3];
+    events at;
+    walks w;
+    lm hits = lm_first(0);
+    for (int a = 0; a < 3; a++) {
+        box.low[a] = lf_set(0);
+        box.high[a] = lf_set((float)coarse_count[a]);
+        extent[a] = coarse_count[a] * scene->k;
+    }
+    active = lm_and(active, enter(p, extent, &at));
+    begin(&w, &box, p, at, active);
+    while (lm_any(active)) {
+        lm searching = active, holding = lm_first(0);
+        int32_t block[DF_LANES];
+        li blocks = li_set(0);
+        while (lm_any(searching)) {
+            count(counters, &counters->coarse_steps, searching);
+            const li token = li_gather((const int32_t *)(const void *)scene->coarse, w.index);
+            /* blocks are below 2^31 here, so the two marks of empty cells are negative */
+            const lm held = lm_and(searching, lm_not(li_lt(token, li_set(0))));
+            blocks = li_select(held, token, blocks);
+            holding = lm_or(holding, held);
+            searching = lm_and(searching, lm_not(held));
+            const events out_at = leave(&w);
+            at.t = lf_select(searching, out_at.t, at.t);
+            at.axis = lf_select(searching, out_at.axis, at.axis);
+            searching = step(&w, p, out_at, searching);
+        }
+        if (!lm_any(holding)) break;
+        li_store(block, blocks);
+        const lm hit = walk_blocks(job, p, &w, block, at, holding, out, inside_bits, counters);
+        hits = lm_or(hits, hit);
+        active = lm_and(holding, lm_not(hit));
+        const events out_at = leave(&w);
+        at = out_at;
+        active = step(&w, p, out_at, active);
+    }
+    return hits;
+}
+
+static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits, df_counters *counters) {
+    const df_scene *scene = job->scene;
+    const uint32_t *voxels = scene->voxel_count;
+    const int32_t row = 64 * (int32_t)scene->row_words; /* bits */
+    const int32_t none[DF_LANES] = {0};
+    boxes box = {.size = lf_set(1), .inverse_size = lf_set(1), .stride = {li_set(1), li_set(row), li_set(row * (int32_t)voxels[1])}};
+    events at;
+    walks w;
+    lm hits = lm_first(0);
+    for (int a = 0; a < 3; a++) {
+        box.low[a] = lf_set(0);
+        box.high[a] = lf_set((float)voxels[a]);
+    }
+    active = lm_and(active, enter(p, voxels, &at));
+    begin(&w, &box, p, at, active);
+    while (lm_any(active)) {
+        count(counters, &counters->fine_steps, active);
+        const li word = li_gather((const int32_t *)(const void *)scene->rows, li_shift_right(w.index, 5));
+        const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
+        if (lm_any(surface)) {
+            lf lower[3];
+            cell_of(&w, lower);
+            const lm hit = accept(job, p, lower, none, surface, out, inside_bits, counters);
+            hits = lm_or(hits, hit);
+            active = lm_and(active, lm_not(hit));
+        }
+        active = step(&w, p, leave(&w), active);
+    }
+    return hits;
+}
+
+/* The rays of a packet: a block of pixels as square as may be, or a run of arbitrary rays. Lanes beyond the tile repeat its last ray. */
+static uint32_t gather_rays(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t width, int32_t ray[DF_LANES]) {
+    uint32_t valid = 0;
+    for (uint32_t i = 0; i < DF_LANES; i++) {
+        const uint32_t x = x0 + i % width, y = y0 + i / width;
+        const bool within = x < tile->width && y < tile->height;
+        ray[i] = (int32_t)(within ? y * tile->width + x : y0 * tile->width + x0);
+        valid |= (uint32_t)within << i;
+    }
+    return valid;
+}
+
+static void load(const df_rays *rays, const int32_t ray[DF_LANES], packet *p) {
+    const li index = li_load(ray);
+    for (int a = 0; a < 3; a++) {
+        p->origin[a] = rays->shared_origin ? lf_set(rays->origin[a][0]) : lf_gather(rays->origin[a], index);
+        p->direction[a] = lf_gather(rays->direction[a], index);
+        p->inverse[a] = lf_gather(rays->inverse[a], index);
+        p->upward[a] = lf_lt(lf_set(0), p->direction[a]);
+    }
+}
+
+uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters) {
+    const df_tile *tile = job->tile;
+    uint32_t width = DF_LANES == 16 ? 4 : DF_LANES == 8 ? 4 : DF_LANES == 4 ? 2 : 1, height, hits = 0;
+    if (tile->height == 1) width = DF_LANES;
+    height = DF_LANES / width;
+    for (uint32_t y = 0; y < tile->height; y += height) {
+        for (uint32_t x = 0; x < tile->width; x += width) {
+            int32_t ray[DF_LANES];
+            packet p;
+            found out;
+            uint32_t inside_bits = 0;
+            const uint32_t valid = gather_rays(tile, x, y, width, ray);
+            load(&tile->rays, ray, &p);
+            const lm all = lm_first(DF_LANES);
+            const lm hit = job->scene->levels == 1 ? trace_uniform(job, &p, all, &out, &inside_bits, counters)
+                                                   : trace_two_level(job, &p, all, &out, &inside_bits, counters);
+            for (uint32_t bits = lm_bits(hit) & valid; bits; bits &= bits - 1) {
+                const int i = __builtin_ctz(bits);
+                candidates[hits++] = (df_candidate){
+                    .ray = (uint32_t)ray[i], .block = (uint32_t)out.block[i],
+                    .cell = {(uint16_t)out.lower[0][i], (uint16_t)out.lower[1][i], (uint16_t)out.lower[2][i]},
+                    .flags = inside_bits >> i & 1 ? DF_HIT_BACK : 0};
+            }
+        }
+    }
+    return hits;
+}

@@ -1,0 +1,340 @@
+/*
+ * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): bricks are sorted from front to back
+ * and binned to tiles; a tile projects the surface voxels of its bricks and keeps the nearest accepted one of each ray.
+ */
+#include "common/memory.h"
+#include "render/cpu/kernels.h"
+#include "render/methods/solve_methods.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Steps of depth by which blocks are sorted. */
+#define DEPTH_BUCKETS 2048u
+
+/* What one thread works with: one entry a ray of a tile. */
+typedef struct splat_worker {
+    float *depth;
+    uint32_t *record, *block;
+    uint8_t *flags;
+    df_candidate *candidates;
+} splat_worker;
+
+typedef struct splat_state {
+    const df_scene *scene;
+    df_trace_options options;
+    df_surface surface;
+    uint32_t *first;
+    uint16_t *bits;
+    float *corners;
+    splat_worker *workers;
+
+    /* Of the current view. */
+    df_projection projection;
+    df_block_rect *rects, *sorted; /* block_count each */
+    uint32_t *tile_first;          /* by tile: its first entry; one more at the end */
+    uint32_t *entries;             /* indices of sorted rects, by tile */
+    uint32_t tile_capacity, entry_capacity;
+    uint32_t tile_columns;
+    uint32_t first_row, end_row;   /* of the picture: what is drawn */
+} splat_state;
+
+static void splat_release(void *opaque) {
+    splat_state *state = opaque;
+    if (!state) return;
+    for (uint32_t i = 0; state->workers && i < state->options.threads; i++) {
+        free(state->workers[i].depth);
+        free(state->workers[i].record);
+        free(state->workers[i].block);
+        free(state->workers[i].flags);
+        free(state->workers[i].candidates);
+    }
+    free(state->workers);
+    free(state->first);
+    free(state->bits);
+    free(state->corners);
+    free(state->rects);
+    free(state->sorted);
+    free(state->tile_first);
+    free(state->entries);
+    free(state);
+}
+
+/* Lower corner of a block in voxels. */
+static void block_corner(const df_scene *scene, uint32_t block, uint32_t corner[3]) {
+    const uint32_t at = scene->block_cells[block];
+    corner[0] = at % scene->coarse_count[0] * scene->k;
+    corner[1] = at / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
+    corner[2] = at / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
+}
+
+static void fill_records(splat_state *state, uint32_t block) {
+    const df_scene *scene = state->scene;
+    const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
+    uint32_t record = state->first[block], corner[3];
+    block_corner(scene, block, corner);
+    for (uint32_t w = 0; w < words; w++) {
+        for (uint64_t mask = scene->masks[(uint64_t)block * words + w]; mask; mask &= mask - 1, record++) {
+            const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
+            const uint32_t voxel[3] = {corner[0] + (bit & k_mask), corner[1] + (bit >> scene->k_shift & k_mask),
+                                       corner[2] + (bit >> 2 * scene->k_shift)};
+            state->bits[record] = (uint16_t)bit;
+            df_scene_corners(scene, voxel, block, state->corners + 8 * (size_t)record);
+        }
+    }
+    assert(record == state->first[block + 1]);
+}
+
+static df_status make_records(splat_state *state, df_error *err) {
+    const df_scene *scene = state->scene;
+    const uint32_t words = df_brick_mask_words(scene->k);
+    df_status status = df_alloc((void **)&state->first, scene->block_count + 1ull, sizeof *state->first, "surface records", err);
+    if (status != DF_OK) return status;
+    uint64_t count = 0;
+    for (uint32_t block = 0; block < scene->block_count; block++) {
+        state->first[block] = (uint32_t)count;
+        for (uint32_t w = 0; w < words; w++) count += (uint64_t)__builtin_popcountll(scene->masks[(uint64_t)block * words + w]);
+        if (count > INT32_MAX / 8) {
+            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: more than %d surface voxels; choose dda", INT32_MAX / 8);
+        }
+    }
+    state->first[scene->block_count] = (uint32_t)count;
+    status = df_alloc((void **)&state->bits, count + DF_RAY_PADDING, sizeof *state->bits, "surface records", err);
+    if (status == DF_OK) status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
+    if (status != DF_OK) return status;
+#pragma omp parallel for schedule(dynamic, 64) num_threads(state->options.threads)
+    for (uint32_t block = 0; block < scene->block_count; block++) fill_records(state, block);
+    state->surface = (df_surface){state->first, state->bits, state->corners, (uint32_t)count};
+    return DF_OK;
+}
+
+static df_status make_workers(splat_state *state, df_error *err) {
+    const uint64_t rays = (uint64_t)state->options.tile_width * state->options.tile_height;
+    df_status status = df_alloc((void **)&state->workers, state->options.threads, sizeof *state->workers, "tracer", err);
+    for (uint32_t i = 0; i < state->options.threads && status == DF_OK; i++) {
+        splat_worker *worker = &state->workers[i];
+        status = df_alloc_raw((void **)&worker->depth, rays + DF_RAY_PADDING, sizeof *worker->depth, "depths", err);
+        if (status == DF_OK) status = df_alloc_raw((void **)&worker->record, rays, sizeof *worker->record, "depths", err);
+        if (status == DF_OK) status = df_alloc_raw((void **)&worker->block, rays, sizeof *worker->block, "depths", err);
+        if (status == DF_OK) status = df_alloc_raw((void **)&worker->flags, rays, sizeof *worker->flags, "depths", err);
+        if (status == DF_OK) status = df_alloc_raw((void **)&worker->candidates, rays, sizeof *worker->candidates, "candidates", err);
+    }
+    return status;
+}
+
+static df_status splat_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
+    splat_state *state;
+    *out = NULL;
+    if (scene->levels != 2) return df_fail(err, DF_ERROR_USAGE, "--tracer splat works on two levels: leave out --levels 1");
+    df_status status = df_alloc((void **)&state, 1, sizeof *state, "tracer", err);
+    if (status != DF_OK) return status;
+    state->scene = scene;
+    state->options = *options;
+    status = make_records(state, err);
+    if (status == DF_OK) status = make_workers(state, err);
+    if (status == DF_OK) status = df_alloc((void **)&state->rects, scene->block_count, sizeof *state->rects, "blocks", err);
+    if (status == DF_OK) status = df_alloc((void **)&state->sorted, scene->block_count, sizeof *state->sorted, "blocks", err);
+    if (status != DF_OK) splat_release(state);
+    else *out = state;
+    return status;
+}
+
+static uint64_t splat_bytes(const void *opaque) {
+    const splat_state *state = opaque;
+    return state->surface.record_count * (8 * sizeof *state->corners + sizeof *state->bits) +
+           state->scene->block_count * (sizeof *state->first + 2 * sizeof *state->rects);
+}
+
+static bool splat_suits(const df_scene *scene, const df_view *view) {
+    return scene->levels == 2 && view && !view->rebase;
+}
+
+/* ---- per view ---- */
+
+/* Inverts the matrix with the columns corner, right, down. */
+static void make_projection(const df_view *view, df_projection *projection) {
+    const double *m[3] = {view->corner, view->right, view->down};
+    double rows[3][3], determinant = 0;
+    for (int i = 0; i < 3; i++) {
+        const double *b = m[(i + 1) % 3], *c = m[(i + 2) % 3];
+        for (int a = 0; a < 3; a++) rows[i][a] = b[(a + 1) % 3] * c[(a + 2) % 3] - b[(a + 2) % 3] * c[(a + 1) % 3];
+    }
+    for (int a = 0; a < 3; a++) determinant += m[0][a] * rows[0][a];
+    for (int i = 0; i < 3; i++) {
+        for (int a = 0; a < 3; a++) projection->rows[i][a] = (float)(rows[i][a] / determinant);
+    }
+    for (int a = 0; a < 3; a++) projection->eye[a] = (float)view->eye[a];
+}
+
+/* Clamps to low <= x < end. */
+static int32_t clamp_pixel(double x, uint32_t low, uint32_t end) {
+    return x < low ? (int32_t)low : x > end - 1.0 ? (int32_t)end - 1 : (int32_t)x;
+}
+
+/* The pixels and the least t of a block; x1 < x0 where it cannot be seen. */
+static df_block_rect block_rect(const splat_state *state, const df_view *view, uint32_t block) {
+    const df_projection *p = &state->projection;
+    const double half = state->scene->k / 2.0, margin = 0.05;
+    df_block_rect rect = {0, 0, -1, -1, 0, block};
+    uint32_t corner[3];
+    double centre[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
+    if (state->first[block] == state->first[block + 1]) return rect;
+    block_corner(state->scene, block, corner);
+    for (int i = 0; i < 3; i++) {
+        for (int a = 0; a < 3; a++) centre[i] += (double)p->rows[i][a] * (corner[a] + half - view->eye[a]);
+    }
+    for (int a = 0; a < 3; a++) reach[0] += half * fabs((double)p->rows[0][a]);
+    const double w = centre[0], nearest = w - reach[0];
+    if (w + reach[0] < 0) return rect;
+    if (nearest < 0.01) {
+        return (df_block_rect){0, (int32_t)state->first_row, (int32_t)view->width - 1, (int32_t)state->end_row - 1, 0, block};
+    }
+    for (int i = 1; i < 3; i++) {
+        for (int a = 0; a < 3; a++) reach[i] += half * fabs((double)p->rows[i][a] - centre[i] / w * (double)p->rows[0][a]);
+        reach[i] = reach[i] / nearest + margin;
+    }
+    const double x0 = ceil(centre[1] / w - reach[1]), x1 = floor(centre[1] / w + reach[1]);
+    const double y0 = ceil(centre[2] / w - reach[2]), y1 = floor(centre[2] / w + reach[2]);
+    if (x1 < 0 || y1 < state->first_row || x0 > view->width - 1.0 || y0 > state->end_row - 1.0 || x1 < x0 || y1 < y0) return rect;
+    rect.x0 = clamp_pixel(x0, 0, view->width);
+    rect.x1 = clamp_pixel(x1, 0, view->width);
+    rect.y0 = clamp_pixel(y0, state->first_row, state->end_row);
+    rect.y1 = clamp_pixel(y1, state->first_row, state->end_row);
+    rect.t_near = (float)(nearest * 0.99999);
+    return rect;
+}
+
+/* Orders the visible blocks by depth, nearly; returns how many. */
+static uint32_t sort_rects(splat_state *state) {
+    const uint32_t total = state->scene->block_count;
+    uint32_t place[DEPTH_BUCKETS + 1] = {0}, visible = 0;
+    float low = INFINITY, high = 0;
+    for (uint32_t i = 0; i < total; i++) {
+        if (state->rects[i].x1 < 0) continue;
+        low = fminf(low, state->rects[i].t_near);
+        high = fmaxf(high, state->rects[i].t_near);
+    }
+    const float scale = high > low ? (float)(DEPTH_BUCKETS - 1) / (high - low) : 0;
+    for (uint32_t i = 0; i < total; i++) {
+        if (state->rects[i].x1 >= 0) place[1 + (uint32_t)((state->rects[i].t_near - low) * scale)]++;
+    }
+    for (uint32_t b = 0; b < DEPTH_BUCKETS; b++) place[b + 1] += place[b];
+    for (uint32_t i = 0; i < total; i++) {
+        if (state->rects[i].x1 < 0) continue;
+        state->sorted[place[(uint32_t)((state->rects[i].t_near - low) * scale)]++] = state->rects[i];
+        visible++;
+    }
+    return visible;
+}
+
+/* The tiles that a rectangle of pixels meets, inclusive. */
+typedef struct tile_range {
+    uint32_t x0, y0, x1, y1;
+} tile_range;
+
+static tile_range tiles_of(const splat_state *state, const df_block_rect *rect) {
+    const uint32_t w = state->options.tile_width, h = state->options.tile_height, y0 = state->first_row;
+    return (tile_range){(uint32_t)rect->x0 / w, ((uint32_t)rect->y0 - y0) / h, (uint32_t)rect->x1 / w, ((uint32_t)rect->y1 - y0) / h};
+}
+
+static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, df_error *err) {
+    if (count <= *capacity) return DF_OK;
+    free(*array);
+    *capacity = 0;
+    df_status status = df_alloc_raw((void **)array, count + count / 4, sizeof **array, "tile lists", err);
+    if (status == DF_OK) *capacity = (uint32_t)(count + count / 4);
+    return status;
+}
+
+/* Lists the sorted blocks of every tile. */
+static df_status bin_rects(splat_state *state, const df_view *view, uint32_t visible, df_error *err) {
+    const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
+    const uint32_t rows = (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
+    state->tile_columns = columns;
+    df_status status = reserve(&state->tile_first, &state->tile_capacity, (uint64_t)columns * rows + 2, err);
+    if (status != DF_OK) return status;
+    uint32_t *first = state->tile_first;
+    memset(first, 0, ((size_t)columns * rows + 2) * sizeof *first);
+    for (uint32_t i = 0; i < visible; i++) { /* counts, two places ahead */
+        const tile_range range = tiles_of(state, &state->sorted[i]);
+        for (uint32_t y = range.y0; y <= range.y1; y++) {
+            for (uint32_t x = range.x0; x <= range.x1; x++) first[x + columns * y + 2]++;
+        }
+    }
+    uint64_t total = 0;
+    for (uint32_t i = 0; i < columns * rows; i++) {
+        total += first[i + 2];
+        if (total > UINT32_MAX) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: too many blocks in this view");
+        first[i + 2] += first[i + 1];
+    }
+    status = reserve(&state->entries, &state->entry_capacity, total, err);
+    if (status != DF_OK) return status;
+    for (uint32_t i = 0; i < visible; i++) { /* fills, which moves first[t + 1] from the start to the end of tile t */
+        const tile_range range = tiles_of(state, &state->sorted[i]);
+        for (uint32_t y = range.y0; y <= range.y1; y++) {
+            for (uint32_t x = range.x0; x <= range.x1; x++) state->entries[first[x + columns * y + 1]++] = i;
+        }
+    }
+    return DF_OK;
+}
+
+static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count, df_error *err) {
+    splat_state *state = opaque;
+    state->first_row = first_row;
+    state->end_row = first_row + row_count;
+    make_projection(view, &state->projection);
+#pragma omp parallel for schedule(static) num_threads(state->options.threads)
+    for (uint32_t block = 0; block < state->scene->block_count; block++) state->rects[block] = block_rect(state, view, block);
+    return bin_rects(state, view, sort_rects(state), err);
+}
+
+static uint32_t tile_index(const splat_state *state, const df_tile *tile) {
+    const uint32_t y = tile->y - state->first_row;
+    assert(tile->x % state->options.tile_width == 0 && y % state->options.tile_height == 0);
+    return tile->x / state->options.tile_width + state->tile_columns * (y / state->options.tile_height);
+}
+
+static bool splat_touches(const void *opaque, const df_tile *tile) {
+    const splat_state *state = opaque;
+    const uint32_t t = tile_index(state, tile);
+    return state->tile_first[t] < state->tile_first[t + 1];
+}
+
+static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+    (void)err;
+    const splat_state *state = opaque;
+    splat_worker *worker = &state->workers[thread];
+    const uint32_t t = tile_index(state, tile), rays = tile->rays.count;
+    for (uint32_t i = 0; i < rays + DF_RAY_PADDING; i++) worker->depth[i] = INFINITY;
+    const df_splat_job job = {state->scene, &state->surface, &state->projection, tile, state->sorted,
+                              state->entries + state->tile_first[t], state->tile_first[t + 1] - state->tile_first[t],
+                              DF_SOLVE_ISOLATES(state->options.solve), worker->depth, worker->record, worker->block, worker->flags};
+    state->options.kernels->splat(&job, counters);
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < rays; i++) {
+        if (!(worker->depth[i] < INFINITY)) continue;
+        const uint32_t block = worker->block[i], bit = state->bits[worker->record[i]], k_mask = state->scene->k - 1;
+        uint32_t corner[3];
+        block_corner(state->scene, block, corner);
+        worker->candidates[count++] = (df_candidate){
+            .ray = i, .block = block, .flags = worker->flags[i],
+            .cell = {(uint16_t)(corner[0] + (bit & k_mask)), (uint16_t)(corner[1] + (bit >> state->scene->k_shift & k_mask)),
+                     (uint16_t)(corner[2] + (bit >> 2 * state->scene->k_shift))}};
+    }
+    state->options.kernels->solve(state->scene, &state->options, &tile->rays, worker->candidates, count, hits);
+    return DF_OK;
+}
+
+const df_tracer df_tracer_splat = {
+    .name = "splat",
+    .summary = "object order: surface voxels are projected to their pixels; for pictures",
+    .prepare = splat_prepare,
+    .release = splat_release,
+    .bytes = splat_bytes,
+    .suits = splat_suits,
+    .begin_frame = splat_begin_frame,
+    .touches = splat_touches,
+    .trace = splat_trace,
+};

@@ -1,0 +1,575 @@
+#include "render/mesh/marching_cubes.h"
+#include "common/memory.h"
+#include "render/mesh/mc_cell.h"
+#include "render/mesh/mc_private.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SIDE_MAX = 9, FACE_MAX = SIDE_MAX * SIDE_MAX, CUBE_MAX = FACE_MAX * SIDE_MAX };
+#define DENSE_BLOCK 8u
+
+/*
+ * The field in blocks of k^3 voxels: its bricks, or cubes of a dense field. A block owns the grid edges that start in
+ * it (half open: the sample at its lower end, but not those on its upper faces), and the last block of an axis also those on its upper face. A vertex is numbered by its
+ * block, then by the edge's row (z, then y, then axis) and x; after them come vertices within voxels.
+ */
+typedef struct block {
+    uint32_t cell;           /* linear index in the grid of blocks */
+    uint32_t vertex_first;
+    uint32_t triangle_first;
+    uint32_t edge_count;     /* owned edges with a vertex */
+    uint64_t row_first;      /* in grid.rows: for each z and y that it owns three rows, one an axis, of bits by x */
+} block;
+
+typedef struct grid {
+    const df_field *field;
+    df_mc_params params;
+    df_mc_tables tables;
+    uint32_t k;
+    uint32_t cell_count[3];
+    uint32_t *block_of; /* by brick, or by cell of a dense field: its block, or DF_MC_NONE */
+    block *blocks;      /* those at the surface, in the order of their cells */
+    uint32_t block_count;
+    uint16_t *rows;
+    uint8_t bit_count[1 << SIDE_MAX]; /* of a row */
+} grid;
+
+/* A block being worked on. */
+typedef struct view {
+    uint32_t cell[3];
+    uint32_t voxels[3];  /* in it: k, less at the upper end of the field */
+    uint32_t owned[3];   /* samples that it owns along an axis: voxels, plus 1 in the last block */
+    const float *values; /* of its first sample */
+    uint64_t stride[3];
+} view;
+
+/* What a thread works with. */
+typedef struct scratch {
+    view view;
+    float samples[CUBE_MAX];         /* decoded, where the field's are not float */
+    float apron[6][FACE_MAX];        /* samples beyond face 2*axis + upper; NaN where nothing is stored */
+    float apron_samples[CUBE_MAX];
+    uint16_t inside[FACE_MAX];       /* by row y + (k+1) z: bit x is set where the sample is inside */
+    uint32_t index[3][CUBE_MAX];     /* by axis and lower end of an edge: its vertex */
+    df_mc_patch patch;
+} scratch;
+
+void df_mesh_free(df_mesh *mesh) {
+    free(mesh->positions);
+    free(mesh->normals);
+    free(mesh->triangles);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+uint64_t df_mesh_bytes(const df_mesh *mesh) {
+    uint64_t vertex = 3 * sizeof(double) + (mesh->normals ? 3 * sizeof(float) : 0);
+    return mesh->vertex_count * vertex + mesh->triangle_count * (uint64_t)(3 * sizeof(uint32_t));
+}
+
+df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count, bool normals, df_error *err) {
+    memset(mesh, 0, sizeof *mesh);
+    if (3 * triangle_count > DF_MESH_INDEX_MAX || vertex_count > DF_MESH_INDEX_MAX) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: the mesh would have %" PRIu64 " triangles (at most %u are possible)", name, triangle_count,
+                       DF_MESH_INDEX_MAX / 3);
+    }
+    df_status status = df_alloc_raw((void **)&mesh->positions, vertex_count, 3 * sizeof(double), "mesh positions", err);
+    if (status == DF_OK && normals) status = df_alloc_raw((void **)&mesh->normals, vertex_count, 3 * sizeof(float), "mesh normals", err);
+    if (status == DF_OK) status = df_alloc_raw((void **)&mesh->triangles, triangle_count, 3 * sizeof(uint32_t), "mesh triangles", err);
+    if (status != DF_OK) {
+        df_mesh_free(mesh);
+        return status;
+    }
+    mesh->vertex_count = (uint32_t)vertex_count;
+    mesh->triangle_count = (uint32_t)triangle_count;
+    return DF_OK;
+}
+
+static double largest_of(const double v[3]) {
+    double x = fabs(v[0]), y = fabs(v[1]), z = fabs(v[2]), xy = x > y ? x : y;
+    return xy > z ? xy : z;
+}
+
+void df_mc_normal(const df_field *field, const double gradient[3], const double fallback[3], float normal[3]) {
+    const double *size = field->voxel_size;
+    double g[3] = {gradient[0], gradient[1], gradient[2]};
+    if (size[0] != size[1] || size[0] != size[2]) {
+        for (int a = 0; a < 3; a++) g[a] /= size[a];
+    }
+    double largest = largest_of(g);
+    if (!(largest > 0)) {
+        memcpy(g, fallback, sizeof g);
+        largest = largest_of(g);
+    }
+    const double scale = 1 / largest; /* squares neither overflow nor vanish */
+    for (int a = 0; a < 3; a++) g[a] *= scale;
+    const double inverse_length = 1 / sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+    for (int a = 0; a < 3; a++) normal[a] = (float)(g[a] * inverse_length);
+}
+
+int df_mc_threads(const df_mc_params *params) {
+    return params->thread_count ? (int)params->thread_count : omp_get_max_threads();
+}
+
+static void cell_coordinates(const grid *g, uint32_t cell, uint32_t at[3]) {
+    at[0] = cell % g->cell_count[0];
+    at[1] = cell / g->cell_count[0] % g->cell_count[1];
+    at[2] = cell / g->cell_count[0] / g->cell_count[1];
+}
+
+/* The entry of block_of for a cell: its brick, or itself; DF_MC_NONE where nothing is stored. */
+static uint32_t cell_slot(const grid *g, const uint32_t cell[3]) {
+    for (int a = 0; a < 3; a++) {
+        if (cell[a] >= g->cell_count[a]) return DF_MC_NONE; /* also below 0 */
+    }
+    uint64_t index = cell[0] + (uint64_t)g->cell_count[0] * (cell[1] + (uint64_t)g->cell_count[1] * cell[2]);
+    if (g->field->kind == DF_FIELD_DENSE) return (uint32_t)index;
+    uint32_t brick = g->field->cells[index];
+    return brick < DF_CELL_INSIDE ? brick : DF_MC_NONE;
+}
+
+static void decode(const df_field *field, uint64_t first, uint32_t count, int exponent, float *out) {
+    for (uint32_t i = 0; i < count; i++) out[i] = df_field_decode(field, first + i, exponent);
+}
+
+/* Points a view at a block's samples, decoded into `samples` where need be. `slot` as of cell_slot. */
+static void open_view(const grid *g, const uint32_t cell[3], uint32_t slot, float samples[CUBE_MAX], view *v) {
+    const df_field *field = g->field;
+    uint32_t side = g->k + 1;
+    uint64_t first, stride[3] = {1, side, (uint64_t)side * side};
+    for (int a = 0; a < 3; a++) {
+        uint32_t left = field->voxel_count[a] - cell[a] * g->k;
+        v->cell[a] = cell[a];
+        v->voxels[a] = left < g->k ? left : g->k;
+        v->owned[a] = v->voxels[a] + (cell[a] + 1 == g->cell_count[a]);
+    }
+    if (field->kind == DF_FIELD_DENSE) {
+        stride[1] = (uint64_t)field->voxel_count[0] + 1;
+        stride[2] = stride[1] * ((uint64_t)field->voxel_count[1] + 1);
+        first = g->k * (cell[0] * stride[0] + cell[1] * stride[1] + cell[2] * stride[2]);
+    } else {
+        first = (uint64_t)slot * side * side * side;
+    }
+    if (field->sample_type == DF_SAMPLE_F32) {
+        v->values = (const float *)field->samples + first;
+        memcpy(v->stride, stride, sizeof stride);
+        return;
+    }
+    int exponent = field->kind == DF_FIELD_DENSE ? field->step_exponent : field->brick_exponents[slot];
+    for (uint32_t z = 0; z <= v->voxels[2]; z++) {
+        for (uint32_t y = 0; y <= v->voxels[1]; y++) {
+            decode(field, first + y * stride[1] + z * stride[2], v->voxels[0] + 1, exponent, samples + side * (y + side * z));
+        }
+    }
+    v->values = samples;
+    v->stride[0] = 1;
+    v->stride[1] = side;
+    v->stride[2] = (uint64_t)side * side;
+}
+
+static inline float value_at(const view *v, uint32_t x, uint32_t y, uint32_t z) {
+    return v->values[x + y * v->stride[1] + z * v->stride[2]];
+}
+
+/* The signs of a view's samples as rows of bits. */
+static void find_inside(const grid *g, const view *v, uint16_t inside[FACE_MAX]) {
+    float iso = g->params.iso;
+    uint32_t side = g->k + 1;
+    for (uint32_t z = 0; z <= v->voxels[2]; z++) {
+        for (uint32_t y = 0; y <= v->voxels[1]; y++) {
+            const float *row = v->values + y * v->stride[1] + z * v->stride[2];
+            uint32_t bits = 0;
+            for (uint32_t x = 0; x <= v->voxels[0]; x++) bits |= (uint32_t)(row[x] < iso) << x;
+            inside[y + side * z] = (uint16_t)bits;
+        }
+    }
+}
+
+/* Whether the samples of a view lie on both sides. */
+static bool view_is_mixed(const grid *g, const view *v) {
+    float iso = g->params.iso;
+    uint32_t inside = 0, all = (v->voxels[0] + 1) * (v->voxels[1] + 1) * (v->voxels[2] + 1);
+    for (uint32_t z = 0; z <= v->voxels[2]; z++) {
+        for (uint32_t y = 0; y <= v->voxels[1]; y++) {
+            const float *row = v->values + y * v->stride[1] + z * v->stride[2];
+            for (uint32_t x = 0; x <= v->voxels[0]; x++) inside += row[x] < iso;
+        }
+    }
+    return inside > 0 && inside < all;
+}
+
+/* Marks in block_of the slots at the surface with 0, the others with DF_MC_NONE. */
+static void mark_slots(grid *g, uint32_t slot_count, scratch *all) {
+    const df_field *field = g->field;
+    float iso = g->params.iso;
+#pragma omp parallel for schedule(dynamic, 64) num_threads(df_mc_threads(&g->params))
+    for (uint32_t slot = 0; slot < slot_count; slot++) {
+        bool mixed;
+        if (field->kind == DF_FIELD_BRICKS) {
+            const float *range = field->brick_ranges + 2 * (uint64_t)slot;
+            mixed = range[0] < iso && range[1] >= iso;
+        } else {
+            scratch *s = &all[omp_get_thread_num()];
+            uint32_t cell[3];
+            cell_coordinates(g, slot, cell);
+            open_view(g, cell, slot, s->samples, &s->view);
+            mixed = view_is_mixed(g, &s->view);
+        }
+        g->block_of[slot] = mixed ? 0 : DF_MC_NONE;
+        df_progress_add(g->params.progress, mixed ? 1 : 2);
+    }
+}
+
+/* Sets up the blocks at the surface and the room for their rows. */
+static df_status list_blocks(grid *g, scratch *all, df_error *err) {
+    const df_field *field = g->field;
+    bool bricks = field->kind == DF_FIELD_BRICKS;
+    uint64_t cell_total = (uint64_t)g->cell_count[0] * g->cell_count[1] * g->cell_count[2], row_total = 0;
+    uint32_t slot_count = bricks ? field->brick_count : (uint32_t)cell_total;
+    df_status status = df_alloc_raw((void **)&g->block_of, slot_count, sizeof *g->block_of, "blocks", err);
+    if (status != DF_OK) return status;
+    mark_slots(g, slot_count, all);
+    for (uint32_t slot = 0; slot < slot_count; slot++) {
+        if (g->block_of[slot] != DF_MC_NONE) g->block_of[slot] = g->block_count++;
+    }
+    status = df_alloc((void **)&g->blocks, g->block_count, sizeof *g->blocks, "blocks at the surface", err);
+    if (status != DF_OK) return status;
+    for (uint32_t slot = 0; slot < slot_count; slot++) {
+        if (g->block_of[slot] == DF_MC_NONE) continue;
+        block *b = &g->blocks[g->block_of[slot]];
+        uint32_t cell[3], rows = 3;
+        b->cell = bricks ? field->brick_cells[slot] : slot;
+        b->row_first = row_total;
+        cell_coordinates(g, b->cell, cell);
+        for (int a = 1; a < 3; a++) {
+            uint32_t left = field->voxel_count[a] - cell[a] * g->k;
+            rows *= (left < g->k ? left : g->k) + (cell[a] + 1 == g->cell_count[a]);
+        }
+        row_total += rows;
+    }
+    return df_alloc_raw((void **)&g->rows, row_total, sizeof *g->rows, "edges at the surface", err);
+}
+
+/* The voxels of row (y, z) that the surface crosses, as bits; rows[4]: the signs along the row's four edges. */
+static uint32_t crossed_voxels(const scratch *s, uint32_t side, uint32_t y, uint32_t z, uint32_t rows[4]) {
+    for (uint32_t i = 0; i < 4; i++) rows[i] = s->inside[y + (i & 1) + side * (z + (i >> 1))];
+    uint32_t any = rows[0] | rows[1] | rows[2] | rows[3], all = rows[0] & rows[1] & rows[2] & rows[3];
+    return (any | any >> 1) & ~(all & all >> 1) & ((1u << s->view.voxels[0]) - 1);
+}
+
+static uint32_t corner_signs(const uint32_t rows[4], uint32_t x) {
+    return (rows[0] >> x & 3) | (rows[1] >> x & 3) << 2 | (rows[2] >> x & 3) << 4 | (rows[3] >> x & 3) << 6;
+}
+
+/* Makes the surface of a voxel whose signs alone do not tell it. */
+static void fill_voxel(const grid *g, scratch *s, uint32_t x, uint32_t y, uint32_t z) {
+    double values[8];
+    for (uint32_t c = 0; c < 8; c++) {
+        values[c] = (double)value_at(&s->view, x + (c & 1), y + (c >> 1 & 1), z + (c >> 2)) - (double)g->params.iso;
+    }
+    df_status status = df_mc_cell_fill(&s->patch, values, NULL);
+    assert(status == DF_OK); /* the patch got its room in make_scratch */
+    (void)status;
+}
+
+/* First pass: the edges of a block that carry vertices, and how many vertices and triangles it makes. */
+static void count_block(const grid *g, block *b, scratch *s) {
+    view *v = &s->view;
+    uint32_t cell[3], side = g->k + 1;
+    cell_coordinates(g, b->cell, cell);
+    open_view(g, cell, cell_slot(g, cell), s->samples, v);
+    find_inside(g, v, s->inside);
+    uint16_t *row = g->rows + b->row_first;
+    uint32_t own_x = (1u << v->owned[0]) - 1, voxels_x = (1u << v->voxels[0]) - 1;
+    b->edge_count = b->vertex_first = b->triangle_first = 0;
+    for (uint32_t z = 0; z < v->owned[2]; z++) {
+        for (uint32_t y = 0; y < v->owned[1]; y++, row += 3) {
+            uint32_t here = s->inside[y + side * z];
+            row[0] = (uint16_t)((here ^ here >> 1) & voxels_x);
+            row[1] = y < v->voxels[1] ? (uint16_t)((here ^ s->inside[y + 1 + side * z]) & own_x) : 0;
+            row[2] = z < v->voxels[2] ? (uint16_t)((here ^ s->inside[y + side * (z + 1)]) & own_x) : 0;
+            b->edge_count += (uint32_t)g->bit_count[row[0]] + g->bit_count[row[1]] + g->bit_count[row[2]];
+        }
+    }
+    b->vertex_first = b->edge_count;
+    for (uint32_t z = 0; z < v->voxels[2]; z++) {
+        for (uint32_t y = 0; y < v->voxels[1]; y++) {
+            uint32_t rows[4];
+            for (uint32_t left = crossed_voxels(s, side, y, z, rows); left; left &= left - 1) {
+                uint32_t x = (uint32_t)__builtin_ctz(left), count = g->tables.triangle_count[corner_signs(rows, x)];
+                if (count == DF_MC_BY_VALUES) {
+                    fill_voxel(g, s, x, y, z);
+                    count = s->patch.triangle_count;
+                    b->vertex_first += s->patch.position_count - DF_MC_EDGE_COUNT;
+                }
+                b->triangle_first += count;
+            }
+        }
+    }
+}
+
+/* Turns the blocks' counts into where they start; the sums are the totals. */
+static void sum_counts(grid *g, uint64_t *vertex_count, uint64_t *triangle_count) {
+    *vertex_count = *triangle_count = 0;
+    for (uint32_t i = 0; i < g->block_count; i++) {
+        uint32_t vertices = g->blocks[i].vertex_first, triangles = g->blocks[i].triangle_first;
+        g->blocks[i].vertex_first = (uint32_t)*vertex_count;
+        g->blocks[i].triangle_first = (uint32_t)*triangle_count;
+        *vertex_count += vertices;
+        *triangle_count += triangles;
+    }
+}
+
+/* Enters the vertices of the edges that the block at offset d (0 or 1 an axis) owns and the view's voxels use. */
+static void index_edges(const grid *g, scratch *s, const uint32_t d[3]) {
+    const view *v = &s->view;
+    uint32_t cell[3], side = g->k + 1, owned[3];
+    for (int a = 0; a < 3; a++) {
+        cell[a] = v->cell[a] + d[a];
+        if (cell[a] >= g->cell_count[a]) return;
+        owned[a] = d[a] ? 1 : v->owned[a]; /* rows needed */
+    }
+    uint32_t slot = cell_slot(g, cell);
+    if (slot == DF_MC_NONE || g->block_of[slot] == DF_MC_NONE) return;
+    const block *b = &g->blocks[g->block_of[slot]];
+    const uint16_t *row = g->rows + b->row_first;
+    uint32_t left_y = g->field->voxel_count[1] - cell[1] * g->k; /* how many rows the block has a layer */
+    uint32_t layer = (left_y < g->k ? left_y : g->k) + (cell[1] + 1 == g->cell_count[1]);
+    uint32_t vertex = b->vertex_first;
+    for (uint32_t z = 0; z < owned[2]; z++) {
+        for (uint32_t y = 0; y < layer; y++) {
+            for (uint32_t axis = 0; axis < 3; axis++, row++) {
+                uint32_t bits = *row;
+                if (!bits) continue;
+                uint32_t *out = s->index[axis] + side * (y + d[1] * g->k + side * (z + d[2] * g->k)) + d[0] * g->k;
+                if (y < owned[1]) {
+                    uint32_t wanted = d[0] ? bits & 1 : bits, number = vertex;
+                    for (; wanted; wanted &= wanted - 1) out[__builtin_ctz(wanted)] = number++;
+                }
+                vertex += g->bit_count[bits];
+            }
+        }
+    }
+}
+
+/* Loads the samples just beyond the faces of the view, for gradients. */
+static void load_apron(const grid *g, scratch *s) {
+    const view *v = &s->view;
+    for (uint32_t face = 0; face < 6; face++) {
+        uint32_t axis = face / 2, upper = face & 1, u = (axis + 1) % 3, w = (axis + 2) % 3, side = g->k + 1, cell[3];
+        memcpy(cell, v->cell, sizeof cell);
+        cell[axis] += upper ? 1 : (uint32_t)-1;
+        uint32_t slot = cell_slot(g, cell);
+        view other;
+        if (slot != DF_MC_NONE) open_view(g, cell, slot, s->apron_samples, &other);
+        for (uint32_t j = 0; j <= v->voxels[w]; j++) {
+            for (uint32_t i = 0; i <= v->voxels[u]; i++) {
+                uint64_t at = (upper ? 1 : g->k - 1) * (slot != DF_MC_NONE ? other.stride[axis] : 0);
+                s->apron[face][i + side * j] = slot == DF_MC_NONE ? NAN : other.values[at + i * other.stride[u] + j * other.stride[w]];
+            }
+        }
+    }
+}
+
+/* Central differences at a sample of the view, per voxel; one-sided where the other side is not stored. */
+static void sample_gradient(const grid *g, const scratch *s, const uint32_t at[3], double gradient[3]) {
+    const view *v = &s->view;
+    const float *here = v->values + at[0] + at[1] * v->stride[1] + at[2] * v->stride[2];
+    for (uint32_t axis = 0; axis < 3; axis++) {
+        const uint32_t u = axis == 2 ? 0 : axis + 1, w = axis == 0 ? 2 : axis - 1, beside = at[u] + (g->k + 1) * at[w];
+        float low = at[axis] > 0 ? *(here - v->stride[axis]) : s->apron[2 * axis][beside];
+        float high = at[axis] < v->voxels[axis] ? *(here + v->stride[axis]) : s->apron[2 * axis + 1][beside];
+        gradient[axis] = 0.5 * ((double)high - (double)low);
+        if (!isnan(gradient[axis])) continue;
+        gradient[axis] = isnan(low) ? isnan(high) ? 0 : (double)high - (double)*here : (double)*here - (double)low;
+    }
+}
+
+/* The vertex on the edge from a sample of the view along an axis. */
+static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], uint32_t axis, double *position, float *normal) {
+    const view *v = &s->view;
+    uint32_t end[3] = {at[0], at[1], at[2]};
+    end[axis]++;
+    double iso = (double)g->params.iso;
+    double low = (double)value_at(v, at[0], at[1], at[2]) - iso, high = (double)value_at(v, end[0], end[1], end[2]) - iso;
+    double t = low / (low - high);
+    for (uint32_t a = 0; a < 3; a++) position[a] = (double)v->cell[a] * g->k + at[a] + (a == axis ? t : 0);
+    if (!normal) return;
+    double g0[3], g1[3], fallback[3] = {0};
+    sample_gradient(g, s, at, g0);
+    sample_gradient(g, s, end, g1);
+    for (int a = 0; a < 3; a++) g0[a] = (1 - t) * g0[a] + t * g1[a];
+    fallback[axis] = high - low;
+    df_mc_normal(g->field, g0, fallback, normal);
+}
+
+static void write_edge_vertices(const grid *g, const block *b, scratch *s, df_mesh *mesh) {
+    const uint16_t *row = g->rows + b->row_first;
+    uint64_t vertex = b->vertex_first;
+    if (mesh->normals) load_apron(g, s);
+    for (uint32_t z = 0; z < s->view.owned[2]; z++) {
+        for (uint32_t y = 0; y < s->view.owned[1]; y++) {
+            for (uint32_t axis = 0; axis < 3; axis++, row++) {
+                for (uint32_t bits = *row; bits; bits &= bits - 1, vertex++) {
+                    uint32_t at[3] = {(uint32_t)__builtin_ctz(bits), y, z};
+                    edge_vertex(g, s, at, axis, mesh->positions + 3 * vertex, mesh->normals ? mesh->normals + 3 * vertex : NULL);
+                }
+            }
+        }
+    }
+}
+
+/* The normal within a voxel: the trilinear gradient there. */
+static void interior_normal(const grid *g, const scratch *s, const uint32_t at[3], const double local[3], float *normal) {
+    float corners[8];
+    double gradient[3], up[3] = {0, 0, 1};
+    for (uint32_t c = 0; c < 8; c++) corners[c] = value_at(&s->view, at[0] + (c & 1), at[1] + (c >> 1 & 1), at[2] + (c >> 2));
+    df_trilinear_gradient(corners, local, gradient);
+    df_mc_normal(g->field, gradient, up, normal);
+}
+
+/* Writes the triangles of a voxel that fill_voxel made, and its interior vertices from *vertex on. */
+static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], const uint32_t edges[DF_MC_EDGE_COUNT], uint64_t *vertex,
+                        uint32_t *triangles, df_mesh *mesh) {
+    const df_mc_patch *patch = &s->patch;
+    for (uint32_t t = 0; t < patch->triangle_count; t++) {
+        for (int i = 0; i < 3; i++) {
+            uint32_t local = patch->triangles[t][i];
+            *triangles++ = local < DF_MC_EDGE_COUNT ? edges[local] : (uint32_t)*vertex + local - DF_MC_EDGE_COUNT;
+        }
+    }
+    for (uint32_t p = DF_MC_EDGE_COUNT; p < patch->position_count; p++, ++*vertex) {
+        double *out = mesh->positions + 3 * *vertex;
+        for (int a = 0; a < 3; a++) out[a] = (double)s->view.cell[a] * g->k + at[a] + patch->positions[p][a];
+        if (mesh->normals) interior_normal(g, s, at, patch->positions[p], mesh->normals + 3 * *vertex);
+    }
+}
+
+/* The vertices on the 12 edges of a voxel, DF_MC_NONE where there is none. */
+static void voxel_edges(const scratch *s, uint32_t side, uint32_t x, uint32_t y, uint32_t z, uint32_t edges[DF_MC_EDGE_COUNT]) {
+    uint32_t at = x + side * (y + side * z), dy = side, dz = side * side;
+    const uint32_t *i0 = s->index[0] + at, *i1 = s->index[1] + at, *i2 = s->index[2] + at;
+    edges[0] = i0[0], edges[1] = i0[dy], edges[2] = i0[dz], edges[3] = i0[dy + dz];
+    edges[4] = i1[0], edges[5] = i1[1], edges[6] = i1[dz], edges[7] = i1[1 + dz];
+    edges[8] = i2[0], edges[9] = i2[1], edges[10] = i2[dy], edges[11] = i2[1 + dy];
+}
+
+/* Second pass: the vertices and triangles of a block. Returns false where a neighbouring brick lacks a vertex. */
+static bool write_block(const grid *g, const block *b, scratch *s, df_mesh *mesh) {
+    uint32_t cell[3], side = g->k + 1, total = side * side * side;
+    cell_coordinates(g, b->cell, cell);
+    open_view(g, cell, cell_slot(g, cell), s->samples, &s->view);
+    find_inside(g, &s->view, s->inside);
+    for (int axis = 0; axis < 3; axis++) memset(s->index[axis], 0xFF, total * sizeof(uint32_t));
+    for (uint32_t d = 0; d < 8; d++) index_edges(g, s, (uint32_t[3]){d & 1, d >> 1 & 1, d >> 2});
+    write_edge_vertices(g, b, s, mesh);
+    uint64_t vertex = (uint64_t)b->vertex_first + b->edge_count;
+    uint32_t *out = mesh->triangles + 3 * (uint64_t)b->triangle_first, *first = out;
+    for (uint32_t z = 0; z < s->view.voxels[2]; z++) {
+        for (uint32_t y = 0; y < s->view.voxels[1]; y++) {
+            uint32_t rows[4], edges[DF_MC_EDGE_COUNT];
+            for (uint32_t left = crossed_voxels(s, side, y, z, rows); left; left &= left - 1) {
+                uint32_t x = (uint32_t)__builtin_ctz(left), signs = corner_signs(rows, x), count = g->tables.triangle_count[signs];
+                voxel_edges(s, side, x, y, z, edges);
+                if (count == DF_MC_BY_VALUES) {
+                    fill_voxel(g, s, x, y, z);
+                    write_patch(g, s, (uint32_t[3]){x, y, z}, edges, &vertex, out, mesh);
+                    out += 3 * (uint64_t)s->patch.triangle_count;
+                    continue;
+                }
+                for (uint32_t t = 0; t < count; t++, out += 3) {
+                    for (int i = 0; i < 3; i++) out[i] = edges[g->tables.triangles[signs][t][i]];
+                }
+            }
+        }
+    }
+    uint32_t missing = 0;
+    for (const uint32_t *i = first; i < out; i++) missing |= *i == DF_MC_NONE;
+    return !missing;
+}
+
+static void free_scratch(scratch *all, int count) {
+    for (int i = 0; all && i < count; i++) df_mc_patch_free(&all[i].patch);
+    free(all);
+}
+
+static df_status make_scratch(scratch **all, int count, df_error *err) {
+    df_status status = df_alloc((void **)all, (uint64_t)count, sizeof **all, "marching cubes", err);
+    for (int i = 0; status == DF_OK && i < count; i++) status = df_mc_patch_begin(&(*all)[i].patch, DF_MC_EDGE_COUNT, err);
+    return status;
+}
+
+static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh *mesh, df_error *err) {
+    df_status status = list_blocks(g, all, err);
+    if (status != DF_OK) return status;
+    int threads = df_mc_threads(&g->params);
+#pragma omp parallel for schedule(dynamic, 16) num_threads(threads)
+    for (uint32_t i = 0; i < g->block_count; i++) count_block(g, &g->blocks[i], &all[omp_get_thread_num()]);
+    uint64_t vertex_count, triangle_count, incomplete = 0;
+    sum_counts(g, &vertex_count, &triangle_count);
+    if (!triangle_count) return DF_OK;
+    status = df_mesh_allocate(mesh, name, vertex_count, triangle_count, !g->params.skip_normals, err);
+    if (status != DF_OK) return status;
+#pragma omp parallel for schedule(dynamic, 16) num_threads(threads) reduction(+ : incomplete)
+    for (uint32_t i = 0; i < g->block_count; i++) {
+        incomplete += !write_block(g, &g->blocks[i], &all[omp_get_thread_num()], mesh);
+        df_progress_add(g->params.progress, 1);
+    }
+    if (!incomplete) return DF_OK;
+    df_mesh_free(mesh);
+    return df_fail(err, DF_ERROR_FORMAT, "%s: the samples of %" PRIu64 " bricks differ from those that their neighbours share", name, incomplete);
+}
+
+static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
+    grid g = {.field = field, .params = *params, .k = field->kind == DF_FIELD_BRICKS ? field->brick_size : DENSE_BLOCK};
+    for (int a = 0; a < 3; a++) g.cell_count[a] = (field->voxel_count[a] + g.k - 1) / g.k;
+    for (uint32_t bits = 1; bits < sizeof g.bit_count; bits++) g.bit_count[bits] = (uint8_t)(g.bit_count[bits >> 1] + (bits & 1));
+    df_mc_tables_make(&g.tables, params->method == DF_MC_CORRECT);
+    scratch *all = NULL;
+    int threads = df_mc_threads(params);
+    df_status status = make_scratch(&all, threads, err);
+    if (status == DF_OK) status = extract_blocks(&g, name, all, mesh, err);
+    free_scratch(all, threads);
+    free(g.block_of);
+    free(g.blocks);
+    free(g.rows);
+    return status;
+}
+
+uint64_t df_mesh_work(const df_field *field) {
+    if (field->kind == DF_FIELD_ADF) return 2 * (uint64_t)field->family_count;
+    if (field->kind == DF_FIELD_BRICKS) return 2 * (uint64_t)field->brick_count;
+    uint64_t blocks = 1;
+    for (int a = 0; a < 3; a++) blocks *= (field->voxel_count[a] + DENSE_BLOCK - 1) / DENSE_BLOCK;
+    return 2 * blocks;
+}
+
+df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
+    memset(mesh, 0, sizeof *mesh);
+    const float iso = params->iso;
+    float low = -INFINITY, high = INFINITY;
+    if (iso != 0) df_field_iso_range(field, &low, &high); /* 0 is what every field is made for */
+    if (!isfinite(iso)) return df_fail(err, DF_ERROR_USAGE, "%s: iso %g is not a finite number", name, (double)iso);
+    if (!(field->value_min < iso && iso <= field->value_max)) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso, (double)field->value_min,
+                       (double)field->value_max);
+    }
+    if (!(low < iso && iso <= high)) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: the surface at iso %g leaves what is stored (above %g, up to %g)", name, (double)iso, (double)low,
+                       (double)high);
+    }
+    if (field->kind == DF_FIELD_ADF && params->method == DF_MC_CLASSIC) {
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: the classic tables do not fit the levels of an ADF", name);
+    }
+    df_status status = field->kind == DF_FIELD_ADF ? df_mc_extract_octree(field, name, params, mesh, err)
+                                                   : extract_grid(field, name, params, mesh, err);
+    if (status == DF_OK && !mesh->triangle_count) {
+        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso, (double)field->value_min,
+                       (double)field->value_max);
+    }
+    return status;
+}

@@ -1,0 +1,141 @@
+/*
+ * First hits, and pictures of them: the kernels. The maths is the CPU's own text.
+ */
+#include "render/opencl/scene.cl"
+
+#include "render/methods/dda.h"
+#include "render/methods/hit.h"
+#include "render/methods/ray.h"
+#include "render/methods/shade.h"
+
+/* ---- finding ---- */
+
+/* What a ray has found, at index i of the arrays that grid.h describes. */
+static inline void df_store_found(bool hit, const df_candidate *candidate, const df_counters *counters, size_t i, size_t count,
+                                  __global uchar *found, __global uint4 *candidates, __global uint *counts) {
+    if (hit) candidates[i] = (uint4)(candidate->cell[0] | (uint)candidate->cell[1] << 16, candidate->cell[2], candidate->block, 0);
+    found[i] = (uchar)(!hit ? 0 : candidate->flags & DF_HIT_BACK ? DF_FOUND | DF_FOUND_BACK : DF_FOUND);
+    if (counts) {
+        counts[i] = counters->coarse_steps;
+        counts[i + count] = counters->fine_steps;
+        counts[i + 2 * count] = counters->cells_tested;
+    }
+}
+
+static inline void df_find(const df_scene *scene, int isolate, const dda_ray *ray, size_t i, size_t count, __global uchar *found,
+                           __global uint4 *candidates, __global uint *counts) {
+    df_candidate candidate;
+    df_counters counters = {0, 0, 0};
+    const bool hit = dda_walk_scene(scene, isolate != 0, ray, &candidate, &counters);
+    df_store_found(hit, &candidate, &counters, i, count, found, candidates, counts);
+}
+
+/* Rows first_row to first_row + row_count - 1 of a view: writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
+ * steps and tested cells as three arrays; the first row at index 0. One work item a pixel, width * row_count, rounded up to work groups. */
+__kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate,
+                            __global uchar *found, __global uint4 *candidates, __global uint *counts) {
+    const uint x = get_global_id(0), y = get_global_id(1);
+    if (x >= view.width || y >= row_count) return;
+    const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
+    dda_ray ray;
+    double t_base;
+    df_view_ray(&view, x, first_row + y, ray.origin, ray.direction, &t_base);
+    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    df_find(&scene, isolate, &ray, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);
+}
+
+/* Arbitrary rays: 9 arrays of `stride` floats, origin x y z, direction x y z and inverse x y z; origin_step 0: all rays share the first
+ * origin, 1: each has its own. Writes as df_trace_view does. One work item a ray, `count`, rounded up to work groups. */
+__kernel void df_trace_rays(DF_SCENE_PARAMETERS, __global const float *rays, uint stride, uint origin_step, uint count, int isolate,
+                            __global uchar *found, __global uint4 *candidates, __global uint *counts) {
+    const size_t i = get_global_id(0), pitch = stride;
+    if (i >= count) return;
+    const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
+    dda_ray ray;
+    for (int a = 0; a < 3; a++) {
+        ray.origin[a] = rays[pitch * a + i * origin_step];
+        ray.direction[a] = rays[pitch * (3 + a) + i];
+        ray.inverse[a] = rays[pitch * (6 + a) + i];
+    }
+    df_find(&scene, isolate, &ray, i, count, found, candidates, counts);
+}
+
+#include "render/opencl/cgt.cl"
+
+/* ---- solving and shading ---- */
+
+static inline double df_solve_candidate(const df_scene *scene, int solve, int steps, const float origin[3], const float direction[3],
+                                        uint flags, uint4 candidate, uint32_t voxel[3], float position[3]) {
+    float stored[8];
+    voxel[0] = candidate.x & 0xFFFF;
+    voxel[1] = candidate.x >> 16;
+    voxel[2] = candidate.y;
+    df_scene_corners(scene, voxel, candidate.z, stored);
+    return df_hit_solve(solve, steps, origin, direction, voxel, stored, (flags & DF_FOUND_BACK) != 0, position);
+}
+
+/* The hits of arbitrary rays that df_trace_rays has found: t without the ray's t_base, and the position in the cell as 3 arrays of `count`.
+ * One work item a ray. */
+__kernel void df_solve_rays(DF_SCENE_PARAMETERS, __global const float *rays, uint stride, uint origin_step, uint count, int solve,
+                            int steps, __global const uchar *found, __global const uint4 *candidates, __global double *t,
+                            __global float *positions) {
+    const size_t i = get_global_id(0), pitch = stride;
+    if (i >= count || !found[i]) return;
+    const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
+    float origin[3], direction[3], position[3];
+    uint32_t voxel[3];
+    for (int a = 0; a < 3; a++) {
+        origin[a] = rays[pitch * a + i * origin_step];
+        direction[a] = rays[pitch * (3 + a) + i];
+    }
+    t[i] = df_solve_candidate(&scene, solve, steps, origin, direction, found[i], candidates[i], voxel, position);
+    for (int a = 0; a < 3; a++) positions[i + (size_t)count * a] = position[a];
+}
+
+static inline void df_put_colour(__global uchar *rgb, size_t i, __global const uchar *table, const float linear[3]) {
+    for (int c = 0; c < 3; c++) rgb[3 * i + c] = table[(uint)(linear[c] * (DF_SHADE_LEVELS - 1) + 0.5f)];
+}
+
+/* Solves, gradients and light of the rows that df_trace_view has traced: writes rgb (3 bytes a pixel), depth and normals (3 floats a pixel), each unless
+ * NULL, the first row at index 0. table: df_shade_table. Built with DF_IMAGES, gradients read the samples from an image. One work item a pixel, as
+ * df_trace_view. */
+__kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int solve, int steps,
+                            int gradient_method, __global const uchar *table, __global const uchar *found,
+                            __global const uint4 *candidates, __global uchar *rgb, __global float *depth, __global float *normals
+#ifdef DF_IMAGES
+                            , __read_only image3d_t image
+#endif
+) {
+    const uint x = get_global_id(0), y = get_global_id(1);
+    if (x >= view.width || y >= row_count) return;
+    const size_t i = x + (size_t)view.width * y;
+    const uint flags = found[i];
+    float colour[3] = DF_SHADE_BACKGROUND, normal[3] = {0, 0, 0};
+    float distance = INFINITY;
+    if (flags) {
+        const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
+        const float albedo[3] = DF_SHADE_ALBEDO;
+        float origin[3], direction[3], position[3], stencil[64], gradient[3], toward_eye[3], inverse_size[3];
+        uint32_t voxel[3];
+        double t_base;
+        df_view_ray(&view, x, first_row + y, origin, direction, &t_base);
+        const double t = df_solve_candidate(&scene, solve, steps, origin, direction, flags, candidates[i], voxel, position);
+#ifdef DF_IMAGES
+        df_image_stencil(&scene, image, voxel, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+#else
+        df_scene_stencil(&scene, voxel, candidates[i].z, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+#endif
+        df_gradient(gradient_method, stencil, position, gradient);
+        for (int a = 0; a < 3; a++) inverse_size[a] = 1.0f / view.relative_size[a];
+        df_shade_toward_eye(direction, view.relative_size, toward_eye);
+        df_shade_normal(gradient, inverse_size, toward_eye, normal);
+        const float light = df_shade_light(normal, toward_eye);
+        for (int c = 0; c < 3; c++) colour[c] = albedo[c] * light;
+        distance = df_view_distance(&view, direction, t + t_base);
+    }
+    if (rgb) df_put_colour(rgb, i, table, colour);
+    if (depth) depth[i] = distance;
+    if (normals) {
+        for (int a = 0; a < 3; a++) normals[3 * i + a] = normal[a];
+    }
+}
