@@ -25,13 +25,15 @@ typedef struct options {
 static const struct argp_option option_table[] = {
     {"json", 'j', 0, 0, "Print one JSON object", 0},
     {"slice", 's', "AXIS=PART", 0,
-     "Draw a plane through the field as a PNG: z=0.5 is half way up the box. Black is the surface, thin lines are contours, outlines "
+     "Draw a plane through the field as a PNG: z=0.5 is half way up the box. Black is the surface, thin lines are "
+     "contours, outlines "
      "are the cells that the structure stores",
      0},
     {"output", 'o', "FILE", 0, "Name of the slice (default: FIELD with .png)", 0},
     {"pixels", 'p', "N", 0, "Longer side of the slice (default 1024)", 0},
     {"query", 'q', "POINTS", 0,
-     "Print value, gradient and side (outside, inside, surface voxel) at each point of a text file with lines of x y z in "
+     "Print value, gradient and side (outside, inside, surface voxel) at each point of a text file with lines of x y z "
+     "in "
      "world units; - reads standard input",
      0},
     {0},
@@ -45,7 +47,8 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case 's': opts->slice_text = argument; return 0;
     case 'o': opts->output_path = argument; return 0;
     case 'p':
-        if (df_parse_u32("--pixels", argument, 1, 16384, &opts->longest, &err) != DF_OK) argp_error(state, "%s", err.text);
+        if (df_parse_u32("--pixels", argument, 1, 16384, &opts->longest, &err) != DF_OK)
+            argp_error(state, "%s", err.text);
         return 0;
     case 'q': opts->query_path = argument; return 0;
     case ARGP_KEY_ARG:
@@ -54,8 +57,10 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         return 0;
     case ARGP_KEY_NO_ARGS: argp_usage(state); return 0;
     case ARGP_KEY_END:
-        if (opts->slice_text && (opts->json || opts->query_path)) argp_error(state, "--slice goes without --json and --query");
-        if (!opts->slice_text && (opts->output_path || opts->longest)) argp_error(state, "--output and --pixels are for --slice");
+        if (opts->slice_text && (opts->json || opts->query_path))
+            argp_error(state, "--slice goes without --json and --query");
+        if (!opts->slice_text && (opts->output_path || opts->longest))
+            argp_error(state, "--output and --pixels are for --slice");
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -68,17 +73,18 @@ static json_t *numbers(const double *values, size_t count) {
 }
 
 /* The field as a JSON object; NULL when memory is short. */
-static json_t *describe(const char *path, const df_field *field, const df_section_info *sections, uint32_t section_count) {
+static json_t *describe(const char *path, const df_field *field, const df_section_info *sections,
+                        uint32_t section_count) {
     char checksum[9];
     snprintf(checksum, sizeof checksum, "%08" PRIx32, field->checksum);
-    json_t *json = json_pack("{s:s, s:s, s:s, s:s, s:[iii], s:o, s:o, s:[ff], s:I, s:s, s:o, s:o}", "file", path, "structure",
-                             df_field_kind_name(field->kind), "samples", df_sample_type_name(field->sample_type), "checksum",
-                             checksum, "voxels", field->voxel_count[0], field->voxel_count[1], field->voxel_count[2],
-                             "voxel_size", numbers(field->voxel_size, 3), "origin", numbers(field->origin, 3), "value_range",
-                             (double)field->value_min, (double)field->value_max, "sample_count", (json_int_t)field->sample_count,
-                             "verdict", df_verdict_name(field->verdict), "max_error",
-                             field->error_max < 0 ? json_null() : json_real(field->error_max), "rms_error",
-                             field->error_rms < 0 ? json_null() : json_real(field->error_rms));
+    json_t *json = json_pack(
+        "{s:s, s:s, s:s, s:s, s:[iii], s:o, s:o, s:[ff], s:I, s:s, s:o, s:o}", "file", path, "structure",
+        df_field_kind_name(field->kind), "samples", df_sample_type_name(field->sample_type), "checksum", checksum,
+        "voxels", field->voxel_count[0], field->voxel_count[1], field->voxel_count[2], "voxel_size",
+        numbers(field->voxel_size, 3), "origin", numbers(field->origin, 3), "value_range", (double)field->value_min,
+        (double)field->value_max, "sample_count", (json_int_t)field->sample_count, "verdict",
+        df_verdict_name(field->verdict), "max_error", field->error_max < 0 ? json_null() : json_real(field->error_max),
+        "rms_error", field->error_rms < 0 ? json_null() : json_real(field->error_rms));
     if (!json) return NULL;
     json_object_set_new(json, "surface_voxels", json_integer((json_int_t)df_field_surface_voxel_count(field)));
     if (field->kind == DF_FIELD_BRICKS) {
@@ -87,7 +93,8 @@ static json_t *describe(const char *path, const df_field *field, const df_sectio
         json_object_set_new(json, "brick_size", json_integer(field->brick_size));
         json_object_set_new(json, "bricks", json_integer(field->brick_count));
         json_object_set_new(json, "cells_inside", json_integer((json_int_t)inside));
-        json_object_set_new(json, "cells_outside", json_integer((json_int_t)(cell_total - inside - field->brick_count)));
+        json_object_set_new(json, "cells_outside",
+                            json_integer((json_int_t)(cell_total - inside - field->brick_count)));
     }
     if (field->kind == DF_FIELD_ADF) {
         json_object_set_new(json, "levels", json_integer(field->level_count));
@@ -114,13 +121,13 @@ static void print_text(const char *path, const df_field *field, const json_t *js
     printf("  voxels        %u x %u x %u, %" PRIu64 " at the surface\n", n[0], n[1], n[2],
            (uint64_t)json_integer_value(json_object_get(json, "surface_voxels")));
     printf("  voxel size    %.9g x %.9g x %.9g world units\n", h[0], h[1], h[2]);
-    printf("  box           (%.9g, %.9g, %.9g) to (%.9g, %.9g, %.9g)\n", o[0], o[1], o[2], o[0] + h[0] * n[0], o[1] + h[1] * n[1],
-           o[2] + h[2] * n[2]);
+    printf("  box           (%.9g, %.9g, %.9g) to (%.9g, %.9g, %.9g)\n", o[0], o[1], o[2], o[0] + h[0] * n[0],
+           o[1] + h[1] * n[1], o[2] + h[2] * n[2]);
     printf("  values        %.9g to %.9g, %" PRIu64 " samples\n", (double)field->value_min, (double)field->value_max,
            field->sample_count);
     if (field->kind == DF_FIELD_BRICKS) {
-        printf("  bricks        %u of %u^3 voxels; cells without one: %" JSON_INTEGER_FORMAT " outside, %" JSON_INTEGER_FORMAT
-               " inside\n",
+        printf("  bricks        %u of %u^3 voxels; cells without one: %" JSON_INTEGER_FORMAT
+               " outside, %" JSON_INTEGER_FORMAT " inside\n",
                field->brick_count, field->brick_size, json_integer_value(json_object_get(json, "cells_outside")),
                json_integer_value(json_object_get(json, "cells_inside")));
     }
@@ -170,7 +177,8 @@ static void print_point(const df_field *field, const double point[3], json_t *li
     }
 }
 
-/* Answers the points of a text file; blank lines and lines from # on are skipped. With `list` into that, else to stdout. */
+/* Answers the points of a text file; blank lines and lines from # on are skipped. With `list` into that, else to
+ * stdout. */
 static df_status answer_queries(const df_field *field, const char *path, json_t *list, df_error *err) {
     bool standard = strcmp(path, "-") == 0;
     FILE *file = standard ? stdin : fopen(path, "r");
@@ -256,8 +264,13 @@ done:
 
 int main(int argc, char **argv) {
     static const struct argp argp = {
-        option_table, on_option, "FIELD",
-        "Verifies a .dfield file and prints what it holds: structure, grid, values, bytes by section, provenance.", 0, 0, 0};
+        option_table,
+        on_option,
+        "FIELD",
+        "Verifies a .dfield file and prints what it holds: structure, grid, values, bytes by section, provenance.",
+        0,
+        0,
+        0};
     argp_program_version = "df-info " DF_VERSION;
     argp_err_exit_status = 2;
     df_interrupt_install("df-info");

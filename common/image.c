@@ -39,9 +39,7 @@ static void png_put(png_structp png, png_bytep data, png_size_t size) {
     if (!memory_file_put(file, data, size, file->size)) png_error(png, "out of memory");
 }
 
-static void png_no_flush(png_structp png) {
-    (void)png;
-}
+static void png_no_flush(png_structp png) { (void)png; }
 
 static void png_on_error(png_structp png, png_const_charp message) {
     char *text = png_get_error_ptr(png);
@@ -50,8 +48,8 @@ static void png_on_error(png_structp png, png_const_charp message) {
 }
 
 /* The part that libpng may leave by longjmp: nothing is allocated here that it does not know. Returns 0 on failure. */
-static int encode_png(png_structp png, png_infop info, const uint8_t *rgb, uint32_t width, uint32_t height, png_textp texts,
-                      uint32_t text_count) {
+static int encode_png(png_structp png, png_infop info, const uint8_t *rgb, uint32_t width, uint32_t height,
+                      png_textp texts, uint32_t text_count) {
     if (setjmp(png_jmpbuf(png))) return 0;
     png_set_user_limits(png, 65536, 65536);
     png_set_IHDR(png, info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
@@ -153,11 +151,13 @@ df_status df_image_read_png(const char *path, df_image_png *image, df_error *err
     if (png) info = png_create_info_struct(png);
     if (!png || !info) {
         status = df_fail(err, DF_ERROR_MEMORY, "%s: out of memory", path);
-    } else if (fread(signature, 1, sizeof signature, file) != sizeof signature || png_sig_cmp(signature, 0, sizeof signature)) {
+    } else if (fread(signature, 1, sizeof signature, file) != sizeof signature ||
+               png_sig_cmp(signature, 0, sizeof signature)) {
         status = df_fail(err, DF_ERROR_FORMAT, "%s: not a PNG file", path);
     } else {
         png_set_sig_bytes(png, sizeof signature);
-        if (!decode_png(png, info, file, image)) status = df_fail(err, DF_ERROR_FORMAT, "%s: damaged PNG: %s", path, message);
+        if (!decode_png(png, info, file, image))
+            status = df_fail(err, DF_ERROR_FORMAT, "%s: damaged PNG: %s", path, message);
     }
     if (png) png_destroy_read_struct(&png, &info, NULL);
     fclose(file);
@@ -184,8 +184,8 @@ const char *df_image_png_text(const df_image_png *image, const char *key) {
 
 /* ---- Portable Float Map ---- */
 
-static df_status write_pfm(const char *path, const float *pixels, uint32_t width, uint32_t height, uint32_t channel_count,
-                           df_error *err) {
+static df_status write_pfm(const char *path, const float *pixels, uint32_t width, uint32_t height,
+                           uint32_t channel_count, df_error *err) {
     char header[64];
     int length = snprintf(header, sizeof header, "%s\n%u %u\n-1.0\n", channel_count == 3 ? "PF" : "Pf", width, height);
     df_output output;
@@ -217,12 +217,13 @@ static void exr_silent(exr_const_context_t context, exr_result_t code, const cha
 }
 
 /* Encodes one chunk of rows from y on; the pipeline is set up at the first. */
-static exr_result_t encode_chunk(exr_context_t context, exr_encode_pipeline_t *pipeline, const float *pixels, uint32_t width,
-                                 uint32_t channel_count, uint32_t y) {
+static exr_result_t encode_chunk(exr_context_t context, exr_encode_pipeline_t *pipeline, const float *pixels,
+                                 uint32_t width, uint32_t channel_count, uint32_t y) {
     exr_chunk_info_t chunk;
     exr_result_t result = exr_write_scanline_chunk_info(context, 0, (int)y, &chunk);
     if (result != EXR_ERR_SUCCESS) return result;
-    result = y == 0 ? exr_encoding_initialize(context, 0, &chunk, pipeline) : exr_encoding_update(context, 0, &chunk, pipeline);
+    result = y == 0 ? exr_encoding_initialize(context, 0, &chunk, pipeline)
+                    : exr_encoding_update(context, 0, &chunk, pipeline);
     if (result != EXR_ERR_SUCCESS) return result;
     for (uint32_t c = 0; c < channel_count; c++) {
         exr_coding_channel_info_t *channel = &pipeline->channels[c]; /* sorted by name: X, Y, Z */
@@ -257,8 +258,8 @@ static exr_result_t encode_exr(exr_context_t context, const float *pixels, uint3
     return result;
 }
 
-static df_status write_exr(const char *path, const float *pixels, uint32_t width, uint32_t height, uint32_t channel_count,
-                           df_error *err) {
+static df_status write_exr(const char *path, const float *pixels, uint32_t width, uint32_t height,
+                           uint32_t channel_count, df_error *err) {
     memory_file file = {0};
     exr_context_t context;
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
@@ -271,9 +272,9 @@ static df_status write_exr(const char *path, const float *pixels, uint32_t width
         exr_result_t finished = exr_finish(&context);
         if (result == EXR_ERR_SUCCESS) result = finished;
     }
-    df_status status = result == EXR_ERR_SUCCESS
-                           ? df_output_buffer(path, file.data, file.size, err)
-                           : df_fail(err, DF_ERROR_IO, "%s: cannot encode: %s", path, exr_get_default_error_message(result));
+    df_status status = result == EXR_ERR_SUCCESS ? df_output_buffer(path, file.data, file.size, err)
+                                                 : df_fail(err, DF_ERROR_IO, "%s: cannot encode: %s", path,
+                                                           exr_get_default_error_message(result));
     free(file.data);
     return status;
 }
@@ -283,9 +284,7 @@ static int ends_with(const char *path, const char *extension) {
     return length > tail && strcasecmp(path + length - tail, extension) == 0;
 }
 
-int df_image_is_float_path(const char *path) {
-    return ends_with(path, ".pfm") || ends_with(path, ".exr");
-}
+int df_image_is_float_path(const char *path) { return ends_with(path, ".pfm") || ends_with(path, ".exr"); }
 
 df_status df_image_write_float(const char *path, const float *pixels, uint32_t width, uint32_t height,
                                uint32_t channel_count, df_error *err) {

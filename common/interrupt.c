@@ -38,12 +38,11 @@ void df_interrupt_install(const char *program) {
     sigaction(SIGTERM, &action, NULL);
 }
 
-void df_interrupt_set_temporary(const char *path) {
-    atomic_store(&temporary_path, path);
-}
+void df_interrupt_set_temporary(const char *path) { atomic_store(&temporary_path, path); }
 
 void df_interrupt_guard_mapping(const char *path) {
-    snprintf(mapping_message, sizeof mapping_message, "%s: %.400s: the file changed while it was in use\n", program_name, path);
+    snprintf(mapping_message, sizeof mapping_message, "%s: %.400s: the file changed while it was in use\n",
+             program_name, path);
     struct sigaction action = {.sa_handler = on_bus_error};
     sigaction(SIGBUS, &action, NULL);
 }

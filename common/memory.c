@@ -8,7 +8,8 @@ df_status df_alloc_raw(void **out, uint64_t count, size_t size, const char *what
     uint64_t bytes;
     *out = NULL;
     if (__builtin_mul_overflow(count, (uint64_t)size, &bytes) || bytes > (uint64_t)PTRDIFF_MAX - 64) {
-        return df_fail(err, DF_ERROR_MEMORY, "%s: %" PRIu64 " x %zu bytes is more than memory can hold", what, count, size);
+        return df_fail(err, DF_ERROR_MEMORY, "%s: %" PRIu64 " x %zu bytes is more than memory can hold", what, count,
+                       size);
     }
     bytes = (bytes + 63) / 64 * 64;
     *out = aligned_alloc(64, bytes ? bytes : 64);

@@ -16,7 +16,8 @@ static int read_whole(const char *text, const char **end, unsigned long long *va
     return errno == 0;
 }
 
-df_status df_parse_u32(const char *option, const char *text, uint32_t low, uint32_t high, uint32_t *out, df_error *err) {
+df_status df_parse_u32(const char *option, const char *text, uint32_t low, uint32_t high, uint32_t *out,
+                       df_error *err) {
     unsigned long long value;
     const char *end;
     if (!read_whole(text, &end, &value) || *end || value < low || value > high) {
@@ -52,8 +53,8 @@ df_status df_parse_doubles(const char *option, const char *text, uint32_t count,
 df_status df_parse_size(const char *option, const char *text, uint32_t *width, uint32_t *height, df_error *err) {
     unsigned long long w, h;
     const char *end;
-    if (!read_whole(text, &end, &w) || *end != 'x' || !read_whole(end + 1, &end, &h) || *end || w < 1 || w > 65536 || h < 1 ||
-        h > 65536) {
+    if (!read_whole(text, &end, &w) || *end != 'x' || !read_whole(end + 1, &end, &h) || *end || w < 1 || w > 65536 ||
+        h < 1 || h > 65536) {
         return df_fail(err, DF_ERROR_USAGE, "%s %s: expected WIDTHxHEIGHT, each from 1 to 65536", option, text);
     }
     *width = (uint32_t)w;

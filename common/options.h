@@ -1,5 +1,6 @@
-/* Parsing of option values for the three programs (their options themselves are argp's). Each function refuses trailing text,
- * overflow, NaN and values out of range with DF_ERROR_USAGE: "--resolution 0: expected a whole number from 1 to 65536". */
+/* Parsing of option values for the three programs (their options themselves are argp's). Each function refuses trailing
+ * text, overflow, NaN and values out of range with DF_ERROR_USAGE: "--resolution 0: expected a whole number from 1 to
+ * 65536". */
 #ifndef DF_OPTIONS_H
 #define DF_OPTIONS_H
 

@@ -42,7 +42,8 @@ static char *resolve(const char *path) {
     return out;
 }
 
-/* Opens the temporary: unnamed where the file system can do that and /proc can name it later, else beside the target. */
+/* Opens the temporary: unnamed where the file system can do that and /proc can name it later, else beside the target.
+ */
 static int open_temporary(df_output *output, const char *folder, mode_t mode) {
     if (access("/proc/self/fd", X_OK) == 0) {
         int fd = open(folder, O_TMPFILE | O_WRONLY | O_CLOEXEC, mode);
@@ -78,7 +79,8 @@ df_status df_output_open(df_output *output, const char *path, df_error *err) {
     } else {
         char *copy = strdup(output->target_path), *base = strdup(output->target_path);
         const char *folder = copy ? dirname(copy) : NULL;
-        if (!copy || !base || asprintf(&output->temporary_path, "%s/.%s.%ld.tmp", folder, basename(base), (long)getpid()) < 0) {
+        if (!copy || !base ||
+            asprintf(&output->temporary_path, "%s/.%s.%ld.tmp", folder, basename(base), (long)getpid()) < 0) {
             output->temporary_path = NULL;
             status = df_fail(err, DF_ERROR_MEMORY, "%s: out of memory", path);
         } else {

@@ -1,10 +1,10 @@
 /*
  * Output files that appear whole or not at all.
  *
- * The data goes to an unnamed file in the target's folder (or a named one beside it where the file system has no unnamed
- * files), is synced, and takes the target's name in df_output_commit: an old file is whole until the new one is. A
- * target that is not a regular file (/dev/stdout, a pipe, a device) is opened and written, never replaced; symbolic links
- * are followed. Nothing is left behind on failure, on SIGINT or on SIGTERM.
+ * The data goes to an unnamed file in the target's folder (or a named one beside it where the file system has no
+ * unnamed files), is synced, and takes the target's name in df_output_commit: an old file is whole until the new one
+ * is. A target that is not a regular file (/dev/stdout, a pipe, a device) is opened and written, never replaced;
+ * symbolic links are followed. Nothing is left behind on failure, on SIGINT or on SIGTERM.
  */
 #ifndef DF_OUTPUT_FILE_H
 #define DF_OUTPUT_FILE_H
@@ -19,11 +19,11 @@ extern "C" {
 #endif
 
 typedef struct df_output {
-    int fd; /* -1 when closed */
-    bool direct;        /* the target is no regular file: written in place */
-    bool named;         /* the data lies in temporary_path */
-    char *path;         /* as the caller gave it, for messages */
-    char *target_path;  /* links resolved */
+    int fd;            /* -1 when closed */
+    bool direct;       /* the target is no regular file: written in place */
+    bool named;        /* the data lies in temporary_path */
+    char *path;        /* as the caller gave it, for messages */
+    char *target_path; /* links resolved */
     char *temporary_path;
 } df_output;
 

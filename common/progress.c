@@ -39,7 +39,8 @@ void df_progress_add(df_progress *progress, uint64_t count) {
     __atomic_load(&progress->last_draw_ms, &last_ms, __ATOMIC_RELAXED);
     if (now_ms - last_ms < 100) return;
     /* Whoever moves the time forward draws. */
-    if (__atomic_compare_exchange(&progress->last_draw_ms, &last_ms, &now_ms, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+    if (__atomic_compare_exchange(&progress->last_draw_ms, &last_ms, &now_ms, false, __ATOMIC_RELAXED,
+                                  __ATOMIC_RELAXED)) {
         draw(progress, done, now_ms);
     }
 }

@@ -8,7 +8,7 @@
 typedef struct df_progress {
     const char *label;
     uint64_t total;
-    uint64_t done;      /* updated atomically */
+    uint64_t done; /* updated atomically */
     double start_ms;
     double last_draw_ms;
     bool enabled;

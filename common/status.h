@@ -33,9 +33,9 @@ __attribute__((format(printf, 3, 4)))
 #endif
 void df_error_set(df_error *err, df_status status, const char *format, ...);
 
-/* The same as an expression that has the status as its value, so that failing is one line, and compilers and analysers see that it
- * fails:
- *     return df_fail(err, DF_ERROR_FORMAT, "%s: brick %u points past the end (%u bricks)", path, i, count); */
+/* The same as an expression that has the status as its value, so that failing is one line, and compilers and analysers
+ * see that it fails: return df_fail(err, DF_ERROR_FORMAT, "%s: brick %u points past the end (%u bricks)", path, i,
+ * count); */
 #define df_fail(err, status, ...) (df_error_set((err), (status), __VA_ARGS__), (status))
 
 /* The exit code that a program ends with: 0 for DF_OK, 2 for DF_ERROR_USAGE, 1 for all others. */

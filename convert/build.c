@@ -18,11 +18,11 @@ typedef struct builder {
     const df_build_input *input;
     const df_lattice *lattice;
     df_cells cells;
-    uint32_t side;          /* samples along a brick: k + 1 */
-    size_t brick_samples;   /* side^3 */
-    float *samples;         /* bricks: by brick; dense: all */
-    uint8_t *is_signed;     /* while bricks are added at holes: by brick, 1 where its signs are known; NULL before */
-    uint64_t negative;      /* samples with a winding number below 0: a body may be inside out */
+    uint32_t side;        /* samples along a brick: k + 1 */
+    size_t brick_samples; /* side^3 */
+    float *samples;       /* bricks: by brick; dense: all */
+    uint8_t *is_signed;   /* while bricks are added at holes: by brick, 1 where its signs are known; NULL before */
+    uint64_t negative;    /* samples with a winding number below 0: a body may be inside out */
     df_progress progress;
 } builder;
 
@@ -50,8 +50,10 @@ df_status df_build_check_memory(const char *name, double bytes, uint32_t longest
     double available = df_available_memory();
     if (bytes <= available) return DF_OK;
     double fits = floor(longest * pow(fmax(available, 0) / bytes, 1 / exponent) * 0.95);
-    return df_fail(err, DF_ERROR_MEMORY, "%s: needs about %.3g GB at %u voxels along the longest side, %.3g GB are available: "
-                   "--resolution %.0f would fit", name, bytes / 1e9, longest, available / 1e9, fmax(fits, 1));
+    return df_fail(err, DF_ERROR_MEMORY,
+                   "%s: needs about %.3g GB at %u voxels along the longest side, %.3g GB are available: "
+                   "--resolution %.0f would fit",
+                   name, bytes / 1e9, longest, available / 1e9, fmax(fits, 1));
 }
 
 static uint32_t longest_side(const df_lattice *l) {
@@ -68,7 +70,8 @@ static uint32_t neighbour(const builder *b, const uint32_t cell[3], int dx, int 
     return b->cells.bricks[(size_t)x + count[0] * ((size_t)y + count[1] * (size_t)z)];
 }
 
-/* The samples that a brick computes itself: not those on an upper face that the brick beyond has, nor any beyond the field. */
+/* The samples that a brick computes itself: not those on an upper face that the brick beyond has, nor any beyond the
+ * field. */
 static df_sample_box own_box(const builder *b, const uint32_t cell[3]) {
     df_sample_box box;
     uint32_t k = b->lattice->brick_size;
@@ -111,8 +114,8 @@ static float shared_sample(const builder *b, uint32_t brick, const uint32_t at[3
     return b->samples[brick * b->brick_samples + p[0] + (size_t)b->side * (p[1] + (size_t)b->side * p[2])];
 }
 
-/* Completes a brick: samples computed by a brick beyond are copied, those beyond the field repeat the last ones. Reads only what bricks
- * computed themselves, so that bricks may be completed in any order. */
+/* Completes a brick: samples computed by a brick beyond are copied, those beyond the field repeat the last ones. Reads
+ * only what bricks computed themselves, so that bricks may be completed in any order. */
 static void complete_brick(const builder *b, uint32_t brick) {
     uint32_t cell[3], last[3], p[3], k = b->lattice->brick_size;
     df_cell_position(b->lattice, b->cells.indices[brick], cell);
@@ -135,7 +138,8 @@ static void complete_brick(const builder *b, uint32_t brick) {
             for (uint32_t x = 0; x < b->side; x++) {
                 if (x <= last[0] && y <= last[1] && z <= last[2]) continue;
                 uint32_t i = x < last[0] ? x : last[0], j = y < last[1] ? y : last[1], l = z < last[2] ? z : last[2];
-                samples[x + (size_t)b->side * (y + (size_t)b->side * z)] = samples[i + (size_t)b->side * (j + (size_t)b->side * l)];
+                samples[x + (size_t)b->side * (y + (size_t)b->side * z)] =
+                    samples[i + (size_t)b->side * (j + (size_t)b->side * l)];
             }
         }
     }
@@ -147,7 +151,8 @@ static df_status fill_bricks(builder *b, const df_cells *old, const float *old_s
     double bytes = (double)b->cells.brick_count * (double)b->brick_samples * sizeof(float) * 1.1;
     df_status status = df_build_check_memory(b->input->name, bytes, longest_side(l), 2, err);
     if (status == DF_OK) {
-        status = df_alloc_raw((void **)&b->samples, b->cells.brick_count, b->brick_samples * sizeof(float), "samples", err);
+        status =
+            df_alloc_raw((void **)&b->samples, b->cells.brick_count, b->brick_samples * sizeof(float), "samples", err);
     }
     if (status != DF_OK) return status;
     df_progress_begin(&b->progress, "distances", b->cells.brick_count, b->input->quiet);
@@ -155,7 +160,9 @@ static df_status fill_bricks(builder *b, const df_cells *old, const float *old_s
     for (uint32_t i = 0; i < b->cells.brick_count; i++) {
         uint32_t from = old ? old->bricks[b->cells.indices[i]] : DF_NO_BRICK;
         if (from == DF_NO_BRICK) fill_brick(b, i);
-        else memcpy(b->samples + i * b->brick_samples, old_samples + from * b->brick_samples, b->brick_samples * sizeof(float));
+        else
+            memcpy(b->samples + i * b->brick_samples, old_samples + from * b->brick_samples,
+                   b->brick_samples * sizeof(float));
         if (old) b->is_signed[i] = from != DF_NO_BRICK;
         df_progress_add(&b->progress, 1);
     }
@@ -183,7 +190,8 @@ static void rule_of_cell(const builder *b, const uint32_t cell[3], uint32_t *act
     df_sign_make_rule(b->input->sign, centre, k * size * 0.8660254037844387 * 1.000001, active, rule);
 }
 
-static uint32_t sign_brick(const builder *b, const df_winding_slab *slab, const uint32_t cell[3], uint32_t brick, uint32_t *active) {
+static uint32_t sign_brick(const builder *b, const df_winding_slab *slab, const uint32_t cell[3], uint32_t brick,
+                           uint32_t *active) {
     const df_lattice *l = b->lattice;
     uint32_t k = l->brick_size, count = 0;
     int32_t windings[BRICK_SAMPLES_MAX];
@@ -209,9 +217,11 @@ static uint32_t sign_brick(const builder *b, const df_winding_slab *slab, const 
     return count_negative(windings, count);
 }
 
-/* Signs of the bricks in one layer of cells, and tokens of the cells without: `tokens` by coarse cell. Cells that follow each other without a
- * brick between lie on one side. Returns the number of samples with a winding number below 0. */
-static uint64_t sign_layer(const builder *b, const df_winding_slab *slab, uint32_t layer, uint32_t *tokens, uint32_t *active) {
+/* Signs of the bricks in one layer of cells, and tokens of the cells without: `tokens` by coarse cell. Cells that
+ * follow each other without a brick between lie on one side. Returns the number of samples with a winding number below
+ * 0. */
+static uint64_t sign_layer(const builder *b, const df_winding_slab *slab, uint32_t layer, uint32_t *tokens,
+                           uint32_t *active) {
     const df_lattice *l = b->lattice;
     uint32_t k = l->brick_size;
     uint64_t negative = 0;
@@ -263,7 +273,8 @@ static df_status sign_by_winding(builder *b, uint32_t *tokens, df_error *err) {
             uint32_t z = layer * l->brick_size, end = z + l->brick_size;
             if (end > l->voxel_count[2]) end = l->voxel_count[2];
             df_status s = active ? df_winding_slab_find(&slab, sign->mesh, faces.faces + faces.starts[layer],
-                                                        faces.starts[layer + 1] - faces.starts[layer], l, z, end - z + 1, &slab_err)
+                                                        faces.starts[layer + 1] - faces.starts[layer], l, z,
+                                                        end - z + 1, &slab_err)
                                  : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
             if (s == DF_OK) {
                 negative += sign_layer(b, &slab, layer, tokens, active);
@@ -291,7 +302,8 @@ static df_status sign_bricks(builder *b, uint32_t *tokens, df_error *err) {
     return status == DF_OK && sign->made.inverted_components ? sign_by_winding(b, tokens, err) : status;
 }
 
-/* True where a sample on the face of a brick towards direction `to` (0 to 5: -x, +x, -y, ...) lies on the other side than `inside`. */
+/* True where a sample on the face of a brick towards direction `to` (0 to 5: -x, +x, -y, ...) lies on the other side
+ * than `inside`. */
 static bool face_differs(const builder *b, uint32_t brick, int to, bool inside) {
     const float *samples = b->samples + brick * b->brick_samples;
     size_t side = b->side, steps[3] = {1, side, side * side};
@@ -304,8 +316,9 @@ static bool face_differs(const builder *b, uint32_t brick, int to, bool inside) 
     return false;
 }
 
-/* Adds the cells without a brick that the sign does not leave whole: a neighbour's samples on the common face say otherwise. That happens only where the
- * sign changes without a surface, at holes. Returns DF_OK with *grown = false when there are none. */
+/* Adds the cells without a brick that the sign does not leave whole: a neighbour's samples on the common face say
+ * otherwise. That happens only where the sign changes without a surface, at holes. Returns DF_OK with *grown = false
+ * when there are none. */
 static df_status grow_cells(builder *b, const uint32_t *tokens, bool *grown, df_error *err) {
     df_cells more;
     *grown = false;
@@ -318,8 +331,10 @@ static df_status grow_cells(builder *b, const uint32_t *tokens, bool *grown, df_
             int64_t at[3] = {cell[0], cell[1], cell[2]};
             at[to / 2] += to & 1 ? 1 : -1;
             if (at[to / 2] < 0 || at[to / 2] >= b->lattice->cell_count[to / 2]) continue;
-            size_t index = (size_t)at[0] + b->lattice->cell_count[0] * ((size_t)at[1] + b->lattice->cell_count[1] * (size_t)at[2]);
-            if (b->cells.bricks[index] != DF_NO_BRICK || !face_differs(b, brick, to, tokens[index] == DF_CELL_INSIDE)) continue;
+            size_t index =
+                (size_t)at[0] + b->lattice->cell_count[0] * ((size_t)at[1] + b->lattice->cell_count[1] * (size_t)at[2]);
+            if (b->cells.bricks[index] != DF_NO_BRICK || !face_differs(b, brick, to, tokens[index] == DF_CELL_INSIDE))
+                continue;
             more.bricks[index] = 0;
             *grown = true;
         }
@@ -396,8 +411,8 @@ static void tokens_from_source(const builder *b, uint32_t *tokens) {
     }
 }
 
-/* For each of the 27 cells around a brick (bit dx+1 + 3 * (dy+1 + 3 * (dz+1))): 1 where a surface voxel of the brick lies within one voxel
- * of it. */
+/* For each of the 27 cells around a brick (bit dx+1 + 3 * (dy+1 + 3 * (dz+1))): 1 where a surface voxel of the brick
+ * lies within one voxel of it. */
 static uint32_t needed_neighbours(const builder *b, uint32_t brick) {
     uint32_t rows[SIDE_MAX * SIDE_MAX], k = b->lattice->brick_size, side = b->side, needed = 0;
     const float *samples = b->samples + brick * b->brick_samples;
@@ -482,7 +497,8 @@ static void set_dimensions(const builder *b, df_field *field) {
 }
 
 /* Drops what the surface does not need and moves the rest into the field. */
-static df_status store_bricks(builder *b, const uint32_t *tokens, df_field *field, df_build_report *report, df_error *err) {
+static df_status store_bricks(builder *b, const uint32_t *tokens, df_field *field, df_build_report *report,
+                              df_error *err) {
     uint8_t *keep = NULL, *straddles = NULL;
     df_status status = df_alloc((void **)&keep, b->cells.brick_count, 1, "bricks", err);
     if (status == DF_OK) status = df_alloc((void **)&straddles, b->cells.brick_count, 1, "bricks", err);
@@ -567,7 +583,8 @@ static void fill_block(const builder *b, uint32_t index) {
 }
 
 /* Signs the samples of layers z to end of a dense field; rules are made for blocks of k samples along x. */
-static uint64_t sign_dense_layers(const builder *b, const df_winding_slab *slab, uint32_t z, uint32_t end, int32_t *winding, uint32_t *active) {
+static uint64_t sign_dense_layers(const builder *b, const df_winding_slab *slab, uint32_t z, uint32_t end,
+                                  int32_t *winding, uint32_t *active) {
     const df_lattice *l = b->lattice;
     size_t row = (size_t)l->voxel_count[0] + 1, layer = row * ((size_t)l->voxel_count[1] + 1);
     uint32_t k = l->brick_size;
@@ -586,7 +603,8 @@ static uint64_t sign_dense_layers(const builder *b, const df_winding_slab *slab,
                         points[x][2] = df_lattice_at(l, 2, zz);
                     }
                     df_winding_row(slab, y, zz, i, width, winding);
-                    df_sign_apply(&rule, winding, (const double(*)[3])points, width, b->samples + i + row * y + layer * zz);
+                    df_sign_apply(&rule, winding, (const double(*)[3])points, width,
+                                  b->samples + i + row * y + layer * zz);
                     negative += count_negative(winding, width);
                 }
             }
@@ -612,9 +630,10 @@ static df_status sign_dense_once(builder *b, df_error *err) {
         for (uint32_t s = 0; s < faces.slab_count; s++) {
             uint32_t z = s * l->brick_size, end = z + l->brick_size - 1;
             if (end > l->voxel_count[2]) end = l->voxel_count[2];
-            df_status found = active ? df_winding_slab_find(&slab, sign->mesh, faces.faces + faces.starts[s],
-                                                            faces.starts[s + 1] - faces.starts[s], l, z, end - z + 1, &slab_err)
-                                     : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
+            df_status found =
+                active ? df_winding_slab_find(&slab, sign->mesh, faces.faces + faces.starts[s],
+                                              faces.starts[s + 1] - faces.starts[s], l, z, end - z + 1, &slab_err)
+                       : df_fail(&slab_err, DF_ERROR_MEMORY, "signs: out of memory");
             if (found == DF_OK) {
                 negative += sign_dense_layers(b, &slab, z, end, winding, active);
             } else {
@@ -634,7 +653,8 @@ done:
 static df_status sign_dense(builder *b, df_error *err) {
     df_sign *sign = b->input->sign;
     df_status status = sign_dense_once(b, err);
-    if (status != DF_OK || b->negative == 0 || sign->mesh != b->input->mesh || sign->method == DF_SIGN_PARITY) return status;
+    if (status != DF_OK || b->negative == 0 || sign->mesh != b->input->mesh || sign->method == DF_SIGN_PARITY)
+        return status;
     status = df_sign_orient(sign, b->input->mesh, err);
     return status == DF_OK && sign->made.inverted_components ? sign_dense_once(b, err) : status;
 }
@@ -642,7 +662,8 @@ static df_status sign_dense(builder *b, df_error *err) {
 static df_status build_dense(builder *b, df_field *field, df_build_report *report, df_error *err) {
     double start = df_now_ms();
     uint64_t count = df_dense_sample_count(b->lattice->voxel_count);
-    df_status status = df_build_check_memory(b->input->name, (double)count * sizeof(float), longest_side(b->lattice), 3, err);
+    df_status status =
+        df_build_check_memory(b->input->name, (double)count * sizeof(float), longest_side(b->lattice), 3, err);
     if (status == DF_OK) status = df_alloc_raw((void **)&b->samples, count, sizeof(float), "samples", err);
     if (status != DF_OK) return status;
     uint32_t total = (uint32_t)df_lattice_cell_total(b->lattice);
@@ -674,7 +695,8 @@ df_status df_build(const df_build_input *input, df_field *field, df_build_report
     uint32_t side = input->lattice->brick_size + 1;
     builder b = {.input = input, .lattice = input->lattice, .side = side, .brick_samples = (size_t)side * side * side};
     *report = (df_build_report){0};
-    df_status status = input->kind == DF_FIELD_DENSE ? build_dense(&b, field, report, err) : build_bricks(&b, field, report, err);
+    df_status status =
+        input->kind == DF_FIELD_DENSE ? build_dense(&b, field, report, err) : build_bricks(&b, field, report, err);
     if (status != DF_OK) df_field_free(field);
     df_cells_free(&b.cells);
     free(b.samples);

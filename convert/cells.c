@@ -42,7 +42,8 @@ static bool may_touch(const marker *m, const cell_box *box) {
     return fabs(middle) <= radius + 1e-14 * scale;
 }
 
-/* False where an axis across an edge of the box and an edge of the face separates the two: with may_touch, the exact test. */
+/* False where an axis across an edge of the box and an edge of the face separates the two: with may_touch, the exact
+ * test. */
 static bool edges_touch(const marker *m, const cell_box *box) {
     double centre[3], half[3];
     for (int a = 0; a < 3; a++) {
@@ -110,7 +111,8 @@ static void mark_face(const df_mesh *mesh, uint32_t face, const df_lattice *l, d
 static df_status number_cells(const df_lattice *lattice, df_cells *cells, df_error *err) {
     uint64_t total = df_lattice_cell_total(lattice), count = 0;
     for (uint64_t i = 0; i < total; i++) count += cells->bricks[i];
-    if (count > DF_BRICK_COUNT_MAX) return df_fail(err, DF_ERROR_MEMORY, "too many bricks (%llu)", (unsigned long long)count);
+    if (count > DF_BRICK_COUNT_MAX)
+        return df_fail(err, DF_ERROR_MEMORY, "too many bricks (%llu)", (unsigned long long)count);
     df_status status = df_alloc_raw((void **)&cells->indices, count, sizeof *cells->indices, "brick index", err);
     if (status != DF_OK) return status;
     for (uint64_t i = 0; i < total; i++) {
@@ -123,11 +125,13 @@ static df_status number_cells(const df_lattice *lattice, df_cells *cells, df_err
 static df_status make_marks(const df_lattice *lattice, df_cells *cells, df_error *err) {
     *cells = (df_cells){0};
     uint64_t total = df_lattice_cell_total(lattice);
-    if (total > UINT32_MAX) return df_fail(err, DF_ERROR_MEMORY, "too many coarse cells (%llu)", (unsigned long long)total);
+    if (total > UINT32_MAX)
+        return df_fail(err, DF_ERROR_MEMORY, "too many coarse cells (%llu)", (unsigned long long)total);
     return df_alloc((void **)&cells->bricks, total, sizeof *cells->bricks, "coarse cells", err);
 }
 
-df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double reach_voxels, df_cells *cells, df_error *err) {
+df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double reach_voxels, df_cells *cells,
+                        df_error *err) {
     df_status status = make_marks(lattice, cells, err);
     if (status != DF_OK) return status;
     double reach = reach_voxels * lattice->voxel_size;
@@ -136,8 +140,8 @@ df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double r
     return number_cells(lattice, cells, err);
 }
 
-df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]), const void *context,
-                          df_cells *cells, df_error *err) {
+df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]),
+                          const void *context, df_cells *cells, df_error *err) {
     df_status status = make_marks(lattice, cells, err);
     if (status != DF_OK) return status;
     uint32_t total = (uint32_t)df_lattice_cell_total(lattice);

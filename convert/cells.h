@@ -1,10 +1,10 @@
 /*
  * Which coarse cells of a lattice get a brick.
  *
- * A brick must exist where a voxel straddles the surface, and in the cells around that hold samples of the voxel's gradient stencils:
- * all samples from one before the voxel to one after it. The cells of the voxel and its 26 neighbours hold these, so every surface
- * voxel within one voxel of a cell needs that cell. Before distances are known, the cells that a face passes within
- * DF_CELL_REACH are taken; those that turn out not to be needed are dropped later.
+ * A brick must exist where a voxel straddles the surface, and in the cells around that hold samples of the voxel's
+ * gradient stencils: all samples from one before the voxel to one after it. The cells of the voxel and its 26
+ * neighbours hold these, so every surface voxel within one voxel of a cell needs that cell. Before distances are known,
+ * the cells that a face passes within DF_CELL_REACH are taken; those that turn out not to be needed are dropped later.
  */
 #ifndef DF_CELLS_H
 #define DF_CELLS_H
@@ -24,13 +24,15 @@ typedef struct df_cells {
 } df_cells;
 
 /* Cells that a face passes within reach_voxels of (negative: that it enters by so much). */
-df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double reach_voxels, df_cells *cells, df_error *err);
+df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double reach_voxels, df_cells *cells,
+                        df_error *err);
 
 /* Cells for which keep(context, cell's coordinates) says so; it is called from several threads. */
-df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]), const void *context,
-                          df_cells *cells, df_error *err);
+df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]),
+                          const void *context, df_cells *cells, df_error *err);
 
-/* A copy of which cells have bricks, without indices: set bricks[cell] to anything but DF_NO_BRICK to add a cell, then renumber. */
+/* A copy of which cells have bricks, without indices: set bricks[cell] to anything but DF_NO_BRICK to add a cell, then
+ * renumber. */
 df_status df_cells_copy(const df_cells *cells, const df_lattice *lattice, df_cells *copy, df_error *err);
 df_status df_cells_renumber(const df_lattice *lattice, df_cells *cells, df_error *err);
 

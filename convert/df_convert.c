@@ -10,9 +10,9 @@
 #include "convert/array_file.h"
 #include "convert/exchange.h"
 #include "convert/measure.h"
-#include "convert/quantise.h"
 #include "convert/mesh_check.h"
 #include "convert/mesh_read.h"
+#include "convert/quantise.h"
 #include "convert/report.h"
 #include "convert/shape.h"
 
@@ -37,63 +37,94 @@ static const char *const structure_names[] = {"bricks", "dense", "adf", NULL};
 /* What the command line asks for. */
 typedef struct request {
     const char *input;
-    const char *output;      /* as given; NULL: derived from the input */
-    uint32_t resolution;     /* 0: not given */
-    double voxel_size;       /* 0: not given */
-    double padding;          /* voxels */
-    double max_error;        /* negative: not given */
-    bool error_in_world;     /* max_error is in world units, otherwise voxels */
+    const char *output;  /* as given; NULL: derived from the input */
+    uint32_t resolution; /* 0: not given */
+    double voxel_size;   /* 0: not given */
+    double padding;      /* voxels */
+    double max_error;    /* negative: not given */
+    bool error_in_world; /* max_error is in world units, otherwise voxels */
     bool allow_partial;
-    uint32_t measure;        /* points to measure the error at */
+    uint32_t measure; /* points to measure the error at */
     bool measure_given;
-    uint32_t samples;        /* into sample_names */
+    uint32_t samples; /* into sample_names */
     df_field_kind structure;
     uint32_t brick_size;
-    uint32_t distance;       /* distance_method */
-    uint32_t sign;           /* df_sign_method */
+    uint32_t distance; /* distance_method */
+    uint32_t sign;     /* df_sign_method */
     bool check, repair;
-    bool strict;             /* uncertain signs are a failure */
-    uint32_t threads;        /* 0: as OpenMP chooses */
+    bool strict;      /* uncertain signs are a failure */
+    uint32_t threads; /* 0: as OpenMP chooses */
     bool json, quiet;
-    const char *grid;        /* of a .vdb; NULL: the only one */
-    double band;             /* voxels; 0: not given */
+    const char *grid; /* of a .vdb; NULL: the only one */
+    double band;      /* voxels; 0: not given */
     bool fill, structure_given, brick_given;
     const char *mesh_option; /* an option that shapes a field of a mesh, where one was given */
     df_error *err;
 } request;
 
 enum { SAMPLES_F32, SAMPLES_U16, SAMPLES_U8, SAMPLES_AUTO };
-enum { KEY_RESOLUTION = 256, KEY_VOXEL_SIZE, KEY_PADDING, KEY_STRUCTURE, KEY_BRICK, KEY_DISTANCE, KEY_SIGN, KEY_STRICT, KEY_CHECK, KEY_REPAIR, KEY_MAX_ERROR, KEY_PARTIAL, KEY_MEASURE, KEY_SAMPLES, KEY_THREADS, KEY_JSON };
+enum {
+    KEY_RESOLUTION = 256,
+    KEY_VOXEL_SIZE,
+    KEY_PADDING,
+    KEY_STRUCTURE,
+    KEY_BRICK,
+    KEY_DISTANCE,
+    KEY_SIGN,
+    KEY_STRICT,
+    KEY_CHECK,
+    KEY_REPAIR,
+    KEY_MAX_ERROR,
+    KEY_PARTIAL,
+    KEY_MEASURE,
+    KEY_SAMPLES,
+    KEY_THREADS,
+    KEY_JSON
+};
 enum { KEY_GRID = 512, KEY_BAND, KEY_FILL };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
-    {"output", 'o', "FILE", 0, "write the field to FILE (default: the input's name with .dfield, in the current folder)", 1},
-    {"structure", KEY_STRUCTURE, "NAME", 0, "bricks: samples near the surface only (default); dense: all samples; adf: an octree as fine as --max-error asks", 1},
+    {"output", 'o', "FILE", 0,
+     "write the field to FILE (default: the input's name with .dfield, in the current folder)", 1},
+    {"structure", KEY_STRUCTURE, "NAME", 0,
+     "bricks: samples near the surface only (default); dense: all samples; adf: an octree as fine as --max-error asks",
+     1},
     {"brick", KEY_BRICK, "K", 0, "voxels along a brick, 4 or 8 (default 8)", 1},
     {"samples", KEY_SAMPLES, "TYPE", 0,
-     "f32 (default); u16, u8: fewer bytes, rounded; auto: the smallest that stays within --max-error, or adds no more than a tenth to the error", 1},
+     "f32 (default); u16, u8: fewer bytes, rounded; auto: the smallest that stays within --max-error, or adds no more "
+     "than a tenth to the error",
+     1},
     {"band", KEY_BAND, "N", 0,
-     "cut distances at N voxels from the surface: .vdb (default: all that bricks store, 3 of a dense field), .npy, .nrrd, dense fields of fields", 1},
-    {"fill", KEY_FILL, 0, 0, "a dense field of bricks: samples that they do not hold get the least distance they can have", 1},
+     "cut distances at N voxels from the surface: .vdb (default: all that bricks store, 3 of a dense field), .npy, "
+     ".nrrd, dense fields of fields",
+     1},
+    {"fill", KEY_FILL, 0, 0,
+     "a dense field of bricks: samples that they do not hold get the least distance they can have", 1},
     {"grid", KEY_GRID, "NAME", 0, "the level set to read of a .vdb (default: the only one)", 1},
     {0, 0, 0, 0, "Precision", 2},
     {"resolution", KEY_RESOLUTION, "N", 0, "voxels along the longest side, padding included (default 256)", 2},
     {"voxel-size", KEY_VOXEL_SIZE, "S", 0, "size of a voxel in units of the mesh, in place of --resolution", 2},
     {"padding", KEY_PADDING, "N", 0, "voxels left free around the surface on each side (default 3)", 2},
-    {"distance", KEY_DISTANCE, "NAME", 0,
-     "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate", 2},
+    {"distance", KEY_DISTANCE, "NAME", 0, "exact (default); cgal: exact as well, by CGAL, slowly; openvdb: approximate",
+     2},
     {"max-error", KEY_MAX_ERROR, "E[w]", 0,
-     "the largest error near the surface, in voxels (of the finest level), or world units with a w behind. Octrees are divided as far as it asks "
-     "(default 0.1, as far as the finest level reaches); other structures get the resolution that it asks, unless that is given", 2},
+     "the largest error near the surface, in voxels (of the finest level), or world units with a w behind. Octrees are "
+     "divided as far as it asks "
+     "(default 0.1, as far as the finest level reaches); other structures get the resolution that it asks, unless that "
+     "is given",
+     2},
     {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error cannot be reached", 2},
     {"measure", KEY_MEASURE, "N", 0, "random points at which the error is measured, 0 for none (default 20000)", 2},
     {0, 0, 0, 0, "Inside and outside", 3},
     {"sign", KEY_SIGN, "NAME", 0,
-     "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes (default); parity: where a ray "
-     "crosses it an odd number of times", 3},
+     "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes "
+     "(default); parity: where a ray "
+     "crosses it an odd number of times",
+     3},
     {"check", KEY_CHECK, 0, 0, "say what is wrong with the mesh, and convert nothing", 3},
-    {"repair", KEY_REPAIR, 0, 0, "orient the faces, turn bodies that are inside out, stitch borders, fill holes, and convert that", 3},
+    {"repair", KEY_REPAIR, 0, 0,
+     "orient the faces, turn bodies that are inside out, stitch borders, fill holes, and convert that", 3},
     {"strict", KEY_STRICT, 0, 0, "fail where the signs are uncertain", 3},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "threads (default: one for each processor)", 4},
@@ -119,7 +150,8 @@ static df_status parse_max_error(request *r, const char *arg) {
     char number[64];
     size_t length = strlen(arg);
     r->error_in_world = length > 1 && arg[length - 1] == 'w';
-    if (length - r->error_in_world >= sizeof number) return df_fail(r->err, DF_ERROR_USAGE, "--max-error %s: expected a number", arg);
+    if (length - r->error_in_world >= sizeof number)
+        return df_fail(r->err, DF_ERROR_USAGE, "--max-error %s: expected a number", arg);
     memcpy(number, arg, length + 1);
     if (r->error_in_world) number[length - 1] = 0;
     return df_parse_double("--max-error", number, 0, 1e30, &r->max_error, r->err);
@@ -134,9 +166,7 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
     case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
     case KEY_MAX_ERROR: return parse_max_error(r, arg);
-    case KEY_MEASURE:
-        r->measure_given = true;
-        return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
+    case KEY_MEASURE: r->measure_given = true; return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
     case KEY_SAMPLES: return df_parse_name("--samples", arg, sample_names, &r->samples, r->err);
     case KEY_SIGN: return df_parse_name("--sign", arg, sign_names, &r->sign, r->err);
     case KEY_THREADS: return df_parse_u32("--threads", arg, 1, 4096, &r->threads, r->err);
@@ -202,7 +232,8 @@ static df_status check_exchange(const request *r, df_error *err) {
         const char *option = r->check ? "--check" : r->repair ? "--repair" : r->strict ? "--strict" : r->mesh_option;
         if (r->voxel_size > 0 && !is_npy) option = "--voxel-size";
         if (option) return df_fail(err, DF_ERROR_USAGE, "%s: %s has its samples already", option, r->input);
-        if (!r->output && !df_exchange_is_output(r->input)) return df_fail(err, DF_ERROR_USAGE, "%s: a .dfield needs -o", r->input);
+        if (!r->output && !df_exchange_is_output(r->input))
+            return df_fail(err, DF_ERROR_USAGE, "%s: a .dfield needs -o", r->input);
     } else if (r->fill) {
         return df_fail(err, DF_ERROR_USAGE, "--fill: for dense fields of bricks");
     } else if (r->band > 0 && !(r->output && df_exchange_is_output(r->output))) {
@@ -221,10 +252,14 @@ static df_status check_request(const request *r, df_error *err) {
         return df_fail(err, DF_ERROR_USAGE, "--resolution and --voxel-size exclude each other");
     }
     if (!df_shape_is_name(r->input) && !df_mesh_is_mesh_path(r->input)) {
-        return df_fail(err, DF_ERROR_USAGE, "%s: unknown format (known are .obj, .ply, .off, .stl, .dfield, .vdb, .npy, .nrrd and shape:NAME)", r->input);
+        return df_fail(
+            err, DF_ERROR_USAGE,
+            "%s: unknown format (known are .obj, .ply, .off, .stl, .dfield, .vdb, .npy, .nrrd and shape:NAME)",
+            r->input);
     }
     if (df_shape_is_name(r->input) && r->distance != DISTANCE_EXACT) {
-        return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance", distance_names[r->distance]);
+        return df_fail(err, DF_ERROR_USAGE, "--distance %s: a shape has its own exact distance",
+                       distance_names[r->distance]);
     }
     if (r->structure == DF_FIELD_ADF && r->distance == DISTANCE_OPENVDB) {
         return df_fail(err, DF_ERROR_USAGE, "--structure adf needs exact distances, --distance openvdb has none");
@@ -307,7 +342,10 @@ static df_status read_surface(const request *r, surface *s, df_convert_report *r
 static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_distance_source *source,
                              df_convert_report *report, df_error *err) {
     report->distance = report->is_shape ? "shape" : distance_names[r->distance];
-    report->sign_method = report->is_shape ? "shape" : r->distance == DISTANCE_OPENVDB ? "openvdb" : r->sign == DF_SIGN_PARITY ? "parity" : "winding";
+    report->sign_method = report->is_shape                  ? "shape"
+                          : r->distance == DISTANCE_OPENVDB ? "openvdb"
+                          : r->sign == DF_SIGN_PARITY       ? "parity"
+                                                            : "winding";
     if (report->is_shape) {
         df_distance_shape(&s->shape, source);
         return DF_OK;
@@ -320,8 +358,9 @@ static df_status make_source(const request *r, surface *s, const df_lattice *lat
     return df_distance_openvdb(&s->mesh, lattice, (float)band, source, err);
 }
 
-/* Asks CGAL's exact inside test about samples spread over the field and compares it with the signs stored. CGAL counts crossings by
- * parity, so where bodies overlap it says outside; then the two may differ and the verdict is left as it is. */
+/* Asks CGAL's exact inside test about samples spread over the field and compares it with the signs stored. CGAL counts
+ * crossings by parity, so where bodies overlap it says outside; then the two may differ and the verdict is left as it
+ * is. */
 static df_status check_signs(const surface *s, const df_field *field, df_convert_report *report, df_error *err) {
     enum { POINTS = 2000 };
     static double points[POINTS][3];
@@ -338,7 +377,8 @@ static df_status check_signs(const surface *s, const df_field *field, df_convert
     df_status status = df_cgal_side(&s->mesh, points[0], count, sides, err);
     if (status != DF_OK) return status;
     report->sign_checks = count;
-    for (uint64_t i = 0; i < count; i++) report->sign_contradictions += sides[i] != 0 && (sides[i] > 0) != (values[i] < 0);
+    for (uint64_t i = 0; i < count; i++)
+        report->sign_contradictions += sides[i] != 0 && (sides[i] > 0) != (values[i] < 0);
     return DF_OK;
 }
 
@@ -348,7 +388,9 @@ static json_t *json_options(const request *r) {
     json_object_set_new(o, "samples", json_string(sample_names[r->samples]));
     if (r->voxel_size > 0) json_object_set_new(o, "voxel_size", json_real(r->voxel_size));
     else json_object_set_new(o, "resolution", json_integer(r->resolution ? r->resolution : 256));
-    if (r->structure == DF_FIELD_ADF || r->max_error >= 0) json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error", json_real(r->max_error < 0 ? 0.1 : r->max_error));
+    if (r->structure == DF_FIELD_ADF || r->max_error >= 0)
+        json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error",
+                            json_real(r->max_error < 0 ? 0.1 : r->max_error));
     if (r->structure == DF_FIELD_BRICKS) json_object_set_new(o, "brick", json_integer(r->brick_size));
     return o;
 }
@@ -372,7 +414,8 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
     else if (r->structure != DF_FIELD_BRICKS && made->cap_count) report->sign_reason = "the mesh has holes";
     if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
-    if (report->repaired && (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
+    if (report->repaired &&
+        (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
         report->sign_reason = "the mesh was repaired";
     }
     if (made->cap_count) report->sign_reason = "holes closed, none wider than a voxel";
@@ -381,14 +424,17 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     return report->sign_reason ? DF_VERDICT_REPAIRED : DF_VERDICT_CERTAIN;
 }
 
-static df_status finish_field(const request *r, const surface *s, df_field *field, df_convert_report *report, df_error *err) {
-    if (!report->is_shape && r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0 && report->edges.border_count == 0) {
+static df_status finish_field(const request *r, const surface *s, df_field *field, df_convert_report *report,
+                              df_error *err) {
+    if (!report->is_shape && r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0 &&
+        report->edges.border_count == 0) {
         df_status status = check_signs(s, field, report, err);
         if (status != DF_OK) return status;
     }
     field->verdict = judge_signs(r, s, report);
     if (r->strict && field->verdict == DF_VERDICT_UNCERTAIN) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: the signs are uncertain: %s (--strict)", r->input, report->sign_reason);
+        return df_fail(err, DF_ERROR_INPUT, "%s: the signs are uncertain: %s (--strict)", r->input,
+                       report->sign_reason);
     }
     char *provenance = df_report_provenance(report, field, json_options(r));
     if (!provenance) return df_fail(err, DF_ERROR_MEMORY, "provenance: out of memory");
@@ -400,8 +446,10 @@ static df_status finish_field(const request *r, const surface *s, df_field *fiel
 /* A field without a surface is no picture of the input, whatever the reason. */
 static df_status check_surface(const char *name, const df_field *field, df_error *err) {
     if (df_field_surface_voxel_count(field) > 0) return DF_OK;
-    return df_fail(err, DF_ERROR_INPUT, "%s: no sample lies inside the surface: it is flat, or thinner than a voxel (%.3g); "
-                   "a smaller --voxel-size may find it", name, field->voxel_size[0]);
+    return df_fail(err, DF_ERROR_INPUT,
+                   "%s: no sample lies inside the surface: it is flat, or thinner than a voxel (%.3g); "
+                   "a smaller --voxel-size may find it",
+                   name, field->voxel_size[0]);
 }
 
 /* The bound on the error in world units. */
@@ -410,10 +458,15 @@ static double max_error_world(const request *r, double voxel_size) {
     return r->error_in_world ? r->max_error : r->max_error * voxel_size;
 }
 
-static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source, df_field *field,
-                           df_convert_report *report, df_error *err) {
-    df_adf_input input = {.name = r->input, .lattice = lattice, .source = source, .mesh = report->is_shape ? NULL : &s->mesh,
-                          .sign = &s->sign, .max_error = max_error_world(r, lattice->voxel_size), .quiet = r->quiet};
+static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source,
+                           df_field *field, df_convert_report *report, df_error *err) {
+    df_adf_input input = {.name = r->input,
+                          .lattice = lattice,
+                          .source = source,
+                          .mesh = report->is_shape ? NULL : &s->mesh,
+                          .sign = &s->sign,
+                          .max_error = max_error_world(r, lattice->voxel_size),
+                          .quiet = r->quiet};
     df_adf_report adf;
     df_status status = df_adf_build(&input, field, &adf, err);
     report->build.samples_computed = adf.samples_computed;
@@ -452,7 +505,9 @@ static df_status store_samples(const request *r, const surface *s, const df_dist
     }
     for (int i = 0; i < 2 && r->samples != SAMPLES_F32; i++) {
         df_field smaller;
-        if (r->samples != SAMPLES_AUTO && smallest_first[i] != (r->samples == SAMPLES_U16 ? DF_SAMPLE_U16 : DF_SAMPLE_U8)) continue;
+        if (r->samples != SAMPLES_AUTO &&
+            smallest_first[i] != (r->samples == SAMPLES_U16 ? DF_SAMPLE_U16 : DF_SAMPLE_U8))
+            continue;
         df_status status = df_quantise(field, smallest_first[i], &smaller, err);
         if (status == DF_OK) status = measure_error(r, s, source, &smaller, report, err);
         if (status != DF_OK) return status;
@@ -468,14 +523,18 @@ static df_status store_samples(const request *r, const surface *s, const df_dist
 
 static df_status check_error(const request *r, const df_field *field, df_error *err) {
     if (r->allow_partial || error_is_reached(r, field)) return DF_OK;
-    return df_fail(err, DF_ERROR_INPUT, "%s: --max-error %g %s cannot be reached with voxels of %g: the error is %g; raise --resolution, or pass "
-                   "--allow-partial", r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->voxel_size[0],
-                   field->error_max / (r->error_in_world ? 1 : field->voxel_size[0]));
+    return df_fail(
+        err, DF_ERROR_INPUT,
+        "%s: --max-error %g %s cannot be reached with voxels of %g: the error is %g; raise --resolution, or pass "
+        "--allow-partial",
+        r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->voxel_size[0],
+        field->error_max / (r->error_in_world ? 1 : field->voxel_size[0]));
 }
 
 static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
     df_lattice lattice;
-    df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding, r->brick_size};
+    df_lattice_request wanted = {r->resolution || r->voxel_size > 0 ? r->resolution : 256, r->voxel_size, r->padding,
+                                 r->brick_size};
     df_status status = df_lattice_make(&wanted, s->low, s->high, r->input, &lattice, err);
     if (status != DF_OK) return status;
     report->resolution = 0;
@@ -487,10 +546,17 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     status = make_source(r, s, &lattice, &source, report, err);
     report->prepare_ms += df_now_ms() - start;
     df_shape_cells shape_cells = {&s->shape, &lattice};
-    df_build_input input = {.name = r->input, .kind = r->structure, .lattice = &lattice, .source = &source,
-                            .mesh = report->is_shape ? NULL : &s->mesh, .sign = &s->sign, .keep = df_shape_keeps_cell, .keep_context = &shape_cells,
+    df_build_input input = {.name = r->input,
+                            .kind = r->structure,
+                            .lattice = &lattice,
+                            .source = &source,
+                            .mesh = report->is_shape ? NULL : &s->mesh,
+                            .sign = &s->sign,
+                            .keep = df_shape_keeps_cell,
+                            .keep_context = &shape_cells,
                             .quiet = r->quiet};
-    if (status == DF_OK && r->structure == DF_FIELD_ADF) status = build_adf(r, s, &lattice, &source, field, report, err);
+    if (status == DF_OK && r->structure == DF_FIELD_ADF)
+        status = build_adf(r, s, &lattice, &source, field, report, err);
     else if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     if (status == DF_OK) status = check_surface(r->input, field, err);
     if (status == DF_OK) status = measure_error(r, s, &source, field, report, err);
@@ -500,10 +566,12 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     return status;
 }
 
-/* Builds the field, where only the error is given with the resolution that reaches it: from a coarse one up, by how much the error is too large. */
+/* Builds the field, where only the error is given with the resolution that reaches it: from a coarse one up, by how
+ * much the error is too large. */
 #define SEARCH_FIRST 48
 #define SEARCH_LAST 2048
-static df_status build_as_asked(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
+static df_status build_as_asked(const request *r, surface *s, df_field *field, df_convert_report *report,
+                                df_error *err) {
     request attempt = *r;
     bool search = r->max_error >= 0 && r->structure != DF_FIELD_ADF && r->resolution == 0 && !(r->voxel_size > 0);
     if (search) attempt.resolution = SEARCH_FIRST + (uint32_t)(2 * r->padding);
@@ -549,9 +617,16 @@ static df_status convert(const request *r, const char *output, df_error *err) {
 }
 
 static df_status convert_field(const request *r, const char *output, df_error *err) {
-    df_exchange_request wanted = {.input = r->input, .output = output, .structure = r->structure_given ? r->structure : 0,
-                                  .brick_size = r->brick_given ? r->brick_size : 0, .grid = r->grid, .band = r->band, .fill = r->fill, .voxel_size = r->voxel_size,
-                                  .json = r->json, .quiet = r->quiet};
+    df_exchange_request wanted = {.input = r->input,
+                                  .output = output,
+                                  .structure = r->structure_given ? r->structure : 0,
+                                  .brick_size = r->brick_given ? r->brick_size : 0,
+                                  .grid = r->grid,
+                                  .band = r->band,
+                                  .fill = r->fill,
+                                  .voxel_size = r->voxel_size,
+                                  .json = r->json,
+                                  .quiet = r->quiet};
     return df_exchange_convert(&wanted, err);
 }
 
@@ -569,7 +644,8 @@ static char *default_output(const char *input) {
 
 int main(int argc, char **argv) {
     df_error err = {0};
-    request r = {.structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .max_error = -1, .measure = 20000, .err = &err};
+    request r = {
+        .structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .max_error = -1, .measure = 20000, .err = &err};
     const struct argp argp = {options, parse_option, "INPUT", doc, 0, 0, 0};
     df_interrupt_install(PROGRAM);
     argp_err_exit_status = 2;
@@ -585,7 +661,8 @@ int main(int argc, char **argv) {
     if (output && df_exchange_needs_dense(output)) r.structure = DF_FIELD_DENSE;
     if (status == DF_OK && df_exchange_is_input(r.input)) status = convert_field(&r, output, &err);
     else if (status == DF_OK) status = r.check ? check_mesh(&r, &err) : convert(&r, output, &err);
-    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
+    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout)))
+        status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
     if (status != DF_OK) fprintf(stderr, PROGRAM ": %s\n", err.text);
     free(derived);
     return df_exit_code(status);

@@ -34,7 +34,8 @@ void fill_or_throw(const context *c, const df_lattice *lattice, const df_sample_
     for (uint32_t k = 0; k < box->count[2]; k++) {
         for (uint32_t j = 0; j < box->count[1]; j++) {
             for (uint32_t i = 0; i < box->count[0]; i++) {
-                const Point p(df_lattice_at(lattice, 0, box->first[0] + i), df_lattice_at(lattice, 1, box->first[1] + j),
+                const Point p(df_lattice_at(lattice, 0, box->first[0] + i),
+                              df_lattice_at(lattice, 1, box->first[1] + j),
                               df_lattice_at(lattice, 2, box->first[2] + k));
                 *out++ = df_distance_round(std::sqrt(c->tree->squared_distance(p)));
             }
@@ -42,8 +43,8 @@ void fill_or_throw(const context *c, const df_lattice *lattice, const df_sample_
     }
 }
 
-// CGAL allocates in queries. No exception may reach the C code that calls this from many threads; a NaN makes df_field_finish refuse the
-// field.
+// CGAL allocates in queries. No exception may reach the C code that calls this from many threads; a NaN makes
+// df_field_finish refuse the field.
 void fill(const void *user, const df_lattice *lattice, const df_sample_box *box, float *out) {
     try {
         fill_or_throw(static_cast<const context *>(user), lattice, box, out);

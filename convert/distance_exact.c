@@ -1,7 +1,7 @@
 /*
- * Exact distances, fast: for a box of samples, the faces that can be nearest to any of its samples are listed (distance to
- * its centre at most the smallest plus twice the half diagonal); the list shrinks as the box is divided into eighths, down to
- * eight samples, whose distances to the few faces left are computed at once.
+ * Exact distances, fast: for a box of samples, the faces that can be nearest to any of its samples are listed (distance
+ * to its centre at most the smallest plus twice the half diagonal); the list shrinks as the box is divided into
+ * eighths, down to eight samples, whose distances to the few faces left are computed at once.
  */
 #include "common/memory.h"
 #include "convert/distance.h"
@@ -16,7 +16,8 @@
 #define LIST_MAX 8192
 /* A box with a longer list is divided, and its parts ask the tree for lists of their own. */
 #define LIST_LONG 4096
-/* Above this a list is first shrunk by spheres around the faces, which is cheaper and less sharp than their distances. */
+/* Above this a list is first shrunk by spheres around the faces, which is cheaper and less sharp than their distances.
+ */
 #define LIST_SPHERES 48
 #define LEVEL_MAX 4 /* of boxes of 9 samples: 9, 8, 4, 2 */
 
@@ -81,7 +82,8 @@ static void fill_eight(const job *j, const part *p, const uint32_t *list, uint32
     }
 }
 
-/* Cuts a part into up to eight: each side of more than two samples at the largest power of two below it. Returns a bit for each that exists. */
+/* Cuts a part into up to eight: each side of more than two samples at the largest power of two below it. Returns a bit
+ * for each that exists. */
 static uint32_t divide(const part *p, part children[8]) {
     uint32_t exist = 0, cut[3];
     for (int a = 0; a < 3; a++) {
@@ -152,12 +154,15 @@ static void fill_part(const job *j, const part *p, uint32_t level, uint32_t coun
     scratch *s = j->scratch;
     double least[8];
     bool by_spheres = count > LIST_SPHERES;
-    if (by_spheres) df_face_select(&j->context->tree, s->lists[level], count, &boxes, (float *)s->distances[level], s->masks[level]);
+    if (by_spheres)
+        df_face_select(&j->context->tree, s->lists[level], count, &boxes, (float *)s->distances[level],
+                       s->masks[level]);
     else measure_faces(j, level, count, (const double(*)[8])boxes.centre, least);
     for (int i = 0; i < 8; i++) {
         if (!(exist >> i & 1)) continue;
         uint32_t kept = by_spheres ? keep_selected(s, level, count, i)
-                                   : keep_near(s, level, count, i, least[i] + 2 * half_diagonal(&children[i], j->lattice->voxel_size));
+                                   : keep_near(s, level, count, i,
+                                               least[i] + 2 * half_diagonal(&children[i], j->lattice->voxel_size));
         fill_part(j, &children[i], level + 1, kept);
     }
 }

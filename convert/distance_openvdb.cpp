@@ -19,7 +19,8 @@ void fill(const void *user, const df_lattice *lattice, const df_sample_box *box,
     for (uint32_t k = 0; k < box->count[2]; k++) {
         for (uint32_t j = 0; j < box->count[1]; j++) {
             for (uint32_t i = 0; i < box->count[0]; i++) {
-                *out++ = accessor.getValue({int(box->first[0] + i), int(box->first[1] + j), int(box->first[2] + k)}) + 0.0f;
+                *out++ =
+                    accessor.getValue({int(box->first[0] + i), int(box->first[1] + j), int(box->first[2] + k)}) + 0.0f;
             }
         }
     }
@@ -29,8 +30,8 @@ void release(void *user) { delete static_cast<context *>(user); }
 
 } // namespace
 
-df_status df_distance_openvdb(const df_mesh *mesh, const df_lattice *lattice, float band_voxels, df_distance_source *source,
-                              df_error *err) {
+df_status df_distance_openvdb(const df_mesh *mesh, const df_lattice *lattice, float band_voxels,
+                              df_distance_source *source, df_error *err) {
     *source = df_distance_source{};
     return df::guard("OpenVDB", DF_ERROR_INPUT, err, [&]() -> df_status {
         openvdb::initialize();

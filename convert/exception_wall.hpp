@@ -26,8 +26,7 @@ inline void *gmp_realloc(void *memory, std::size_t, std::size_t size) {
 inline void gmp_free(void *memory, std::size_t) { std::free(memory); }
 inline const bool gmp_throws = (mp_set_memory_functions(gmp_alloc, gmp_realloc, gmp_free), true);
 
-template <typename Body>
-df_status guard(const char *name, df_status otherwise, df_error *err, Body body) {
+template <typename Body> df_status guard(const char *name, df_status otherwise, df_error *err, Body body) {
     try {
         return body();
     } catch (const std::bad_alloc &) {

@@ -60,14 +60,19 @@ static df_status restructure(df_field *field, const df_restructure_request *want
 df_status df_exchange_write(df_field *field, const char *path, double band, df_error *err) {
     if (!df_exchange_is_output(path)) return df_field_write(field, path, err);
     bool dense = df_exchange_needs_dense(path);
-    df_restructure_request wanted = {.name = path, .kind = dense ? DF_FIELD_DENSE : DF_FIELD_BRICKS, .brick_size = 8, .band = dense ? band : 0, .quiet = true};
+    df_restructure_request wanted = {.name = path,
+                                     .kind = dense ? DF_FIELD_DENSE : DF_FIELD_BRICKS,
+                                     .brick_size = 8,
+                                     .band = dense ? band : 0,
+                                     .quiet = true};
     bool fits = dense ? field->kind == DF_FIELD_DENSE && !(band > 0) : field->kind != DF_FIELD_ADF;
     df_field other = {0};
     const df_field *written = fits ? field : &other;
     df_status status = fits ? DF_OK : df_restructure(field, &wanted, &other, err);
     if (status == DF_OK && !dense && band > df_restructure_band(written)) {
-        status = df_fail(err, DF_ERROR_INPUT, "%s: --band %g: the bricks hold all samples up to %.3f voxels from the surface only", path, band,
-                         df_restructure_band(written));
+        status = df_fail(err, DF_ERROR_INPUT,
+                         "%s: --band %g: the bricks hold all samples up to %.3f voxels from the surface only", path,
+                         band, df_restructure_band(written));
     }
     if (status == DF_OK && !fits) other.provenance = field->provenance;
     if (status == DF_OK) status = dense ? df_array_write(written, path, err) : df_vdb_write(written, band, path, err);
@@ -80,20 +85,24 @@ static df_field_kind wanted_kind(const conversion *c) {
     const df_exchange_request *r = c->request;
     if (df_exchange_needs_dense(r->output)) return DF_FIELD_DENSE;
     if (r->structure) return r->structure;
-    if (c->from_kind == DF_FIELD_DENSE && (strcmp(c->format, "dfield") == 0 || has_extension(r->output, ".vdb"))) return DF_FIELD_DENSE;
+    if (c->from_kind == DF_FIELD_DENSE && (strcmp(c->format, "dfield") == 0 || has_extension(r->output, ".vdb")))
+        return DF_FIELD_DENSE;
     if (c->from_kind == DF_FIELD_ADF && !has_extension(r->output, ".vdb")) return DF_FIELD_ADF;
     return DF_FIELD_BRICKS;
 }
 
 /* Neighbouring coarse cells without bricks must lie on one side: in a .vdb nothing else makes sure of that. */
 static df_status check_sides(const char *name, const df_field *f, df_error *err) {
-    uint64_t step[3] = {1, f->cell_count[0], (uint64_t)f->cell_count[0] * f->cell_count[1]}, total = step[2] * f->cell_count[2];
+    uint64_t step[3] = {1, f->cell_count[0], (uint64_t)f->cell_count[0] * f->cell_count[1]},
+             total = step[2] * f->cell_count[2];
     for (uint64_t i = 0; i < total; i++) {
         uint64_t at[3] = {i % step[1], i / step[1] % f->cell_count[1], i / step[2]};
         for (int a = 0; a < 3; a++) {
-            if (at[a] + 1 >= f->cell_count[a] || f->cells[i] < DF_CELL_INSIDE || f->cells[i + step[a]] < DF_CELL_INSIDE) continue;
+            if (at[a] + 1 >= f->cell_count[a] || f->cells[i] < DF_CELL_INSIDE || f->cells[i + step[a]] < DF_CELL_INSIDE)
+                continue;
             if (f->cells[i] == f->cells[i + step[a]]) continue;
-            return df_fail(err, DF_ERROR_INPUT, "%s: its inside and outside touch without distances between them", name);
+            return df_fail(err, DF_ERROR_INPUT, "%s: its inside and outside touch without distances between them",
+                           name);
         }
     }
     return DF_OK;
@@ -120,8 +129,13 @@ static df_status read_vdb(conversion *c, df_error *err) {
     c->band = info.band;
     snprintf(c->grid, sizeof c->grid, "%s", info.grid);
     df_vdb_source(vdb, &source);
-    df_build_input input = {.name = r->input, .kind = wanted_kind(c), .lattice = &info.lattice, .source = &source, .keep = df_vdb_keeps_cell,
-                            .keep_context = vdb, .quiet = r->quiet};
+    df_build_input input = {.name = r->input,
+                            .kind = wanted_kind(c),
+                            .lattice = &info.lattice,
+                            .source = &source,
+                            .keep = df_vdb_keeps_cell,
+                            .keep_context = vdb,
+                            .quiet = r->quiet};
     status = df_build(&input, &c->field, &report, err);
     for (int a = 0; status == DF_OK && a < 3; a++) c->field.voxel_size[a] = info.voxel_size[a];
     if (status == DF_OK && c->field.kind == DF_FIELD_BRICKS) status = check_sides(r->input, &c->field, err);
@@ -150,15 +164,19 @@ static df_status read_field(conversion *c, df_error *err) {
 static df_status change_structure(conversion *c, df_error *err) {
     const df_exchange_request *r = c->request;
     df_field_kind kind = wanted_kind(c);
-    uint32_t own = c->field.kind == DF_FIELD_BRICKS ? c->field.brick_size : 8, size = r->brick_size ? r->brick_size : own;
+    uint32_t own = c->field.kind == DF_FIELD_BRICKS ? c->field.brick_size : 8,
+             size = r->brick_size ? r->brick_size : own;
     bool cut = r->band > 0 && !df_exchange_is_output(r->output); /* otherwise cut as it is written */
-    if (cut && kind != DF_FIELD_DENSE) return df_fail(err, DF_ERROR_USAGE, "--band: for dense fields, .vdb, .npy and .nrrd");
+    if (cut && kind != DF_FIELD_DENSE)
+        return df_fail(err, DF_ERROR_USAGE, "--band: for dense fields, .vdb, .npy and .nrrd");
     if (r->band > 0) c->band = c->band > 0 ? fmin(c->band, r->band) : r->band;
     bool same = kind == c->field.kind && (kind != DF_FIELD_BRICKS || size == own);
-    if (r->fill && (kind != DF_FIELD_DENSE || c->field.kind != DF_FIELD_BRICKS)) return df_fail(err, DF_ERROR_USAGE, "--fill: for dense fields of bricks");
+    if (r->fill && (kind != DF_FIELD_DENSE || c->field.kind != DF_FIELD_BRICKS))
+        return df_fail(err, DF_ERROR_USAGE, "--fill: for dense fields of bricks");
     if (same && !cut) return DF_OK;
     if (r->fill) c->filled = df_restructure_band(&c->field);
-    if (kind == DF_FIELD_ADF) return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: --structure adf is made of meshes only", r->input);
+    if (kind == DF_FIELD_ADF)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: --structure adf is made of meshes only", r->input);
     df_restructure_request wanted = {r->input, kind, size, cut ? r->band : 0, r->fill, r->quiet};
     double start = df_now_ms();
     df_status status = restructure(&c->field, &wanted, err);
@@ -168,13 +186,14 @@ static df_status change_structure(conversion *c, df_error *err) {
 
 /* The provenance: this step, and within it that of the file it came from. */
 static df_status set_provenance(conversion *c, df_error *err) {
-    json_t *root = json_pack("{s:s, s:s, s:s, s:s}", "program", "df-convert " DF_VERSION, "input", c->request->input, "input_sha256", c->sha256, "format",
-                             c->format);
+    json_t *root = json_pack("{s:s, s:s, s:s, s:s}", "program", "df-convert " DF_VERSION, "input", c->request->input,
+                             "input_sha256", c->sha256, "format", c->format);
     if (root && c->grid[0]) json_object_set_new(root, "grid", json_string(c->grid));
     if (root && c->band > 0) json_object_set_new(root, "band_voxels", json_real(c->band));
     if (root && c->filled > 0) json_object_set_new(root, "filled_voxels", json_real(c->filled));
     if (root && c->clipped) json_object_set_new(root, "clipped_samples", json_integer((json_int_t)c->clipped));
-    if (root && c->from_kind && c->from_kind != c->field.kind) json_object_set_new(root, "from_structure", json_string(df_field_kind_name(c->from_kind)));
+    if (root && c->from_kind && c->from_kind != c->field.kind)
+        json_object_set_new(root, "from_structure", json_string(df_field_kind_name(c->from_kind)));
     if (root && c->source) json_object_set(root, "source", c->source);
     char *text = root ? json_dumps(root, JSON_INDENT(1)) : NULL;
     json_decref(root);
@@ -189,15 +208,22 @@ static void print_report(const conversion *c, uint64_t peak) {
     printf("read      %s", c->request->input);
     if (c->grid[0]) printf(", grid \"%s\"", c->grid);
     printf(", in %.0f ms\n", c->read_ms);
-    printf("lattice   %" PRIu32 " x %" PRIu32 " x %" PRIu32 " voxels of %g\n", f->voxel_count[0], f->voxel_count[1], f->voxel_count[2], f->voxel_size[0]);
+    printf("lattice   %" PRIu32 " x %" PRIu32 " x %" PRIu32 " voxels of %g\n", f->voxel_count[0], f->voxel_count[1],
+           f->voxel_count[2], f->voxel_size[0]);
     if (c->band > 0) printf("band      distances end at %g voxels", c->band);
     if (c->clipped) printf(": %" PRIu64 " of %" PRIu64 " stored samples stand there", c->clipped, f->sample_count);
     if (c->band > 0) printf("\n");
-    if (c->filled > 0) printf("filled    samples that no brick holds are %g voxels from the surface, or more\n", c->filled);
+    if (c->filled > 0)
+        printf("filled    samples that no brick holds are %g voxels from the surface, or more\n", c->filled);
     printf("signs     as in the input: %s\n", df_verdict_name(f->verdict));
-    if (f->kind == DF_FIELD_BRICKS) printf("bricks    %" PRIu32 " of %" PRIu32 "^3 voxels in %.0f ms\n", f->brick_count, f->brick_size, c->structure_ms);
-    else printf("structure %s, %" PRIu64 " samples in %.0f ms\n", df_field_kind_name(f->kind), f->sample_count, c->structure_ms);
-    if (c->from_kind == DF_FIELD_ADF && f->kind != DF_FIELD_ADF) printf("note      samples interpolated in the octree's leaves\n");
+    if (f->kind == DF_FIELD_BRICKS)
+        printf("bricks    %" PRIu32 " of %" PRIu32 "^3 voxels in %.0f ms\n", f->brick_count, f->brick_size,
+               c->structure_ms);
+    else
+        printf("structure %s, %" PRIu64 " samples in %.0f ms\n", df_field_kind_name(f->kind), f->sample_count,
+               c->structure_ms);
+    if (c->from_kind == DF_FIELD_ADF && f->kind != DF_FIELD_ADF)
+        printf("note      samples interpolated in the octree's leaves\n");
     printf("wrote     %s, %.2f MB, in %.0f ms\n", c->request->output, (double)c->bytes / 1e6, c->write_ms);
     printf("total     %.0f ms, peak memory %.0f MB\n", c->total_ms, (double)peak / 1e6);
 }
@@ -207,13 +233,15 @@ static df_status print_json(const conversion *c, uint64_t peak, df_error *err) {
     const uint32_t *n = f->voxel_count;
     uint32_t longest = n[0] > n[1] ? n[0] : n[1];
     longest = n[2] > longest ? n[2] : longest;
-    json_t *root = json_pack("{s:s, s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:f, s:f, s:I, s:{s:f, s:f, s:f}, s:f, s:I}",
-                             "input", c->request->input, "input_sha256", c->sha256, "format", c->format, "output", c->request->output,
-                             "structure", df_field_kind_name(f->kind), "samples", df_sample_type_name(f->sample_type), "resolution", (json_int_t)longest,
-                             "voxels", (json_int_t)n[0], (json_int_t)n[1], (json_int_t)n[2], "voxel_size", f->voxel_size[0],
-                             "bytes", (json_int_t)c->bytes, "verdict", df_verdict_name(f->verdict), "max_error", f->error_max, "rms_error", f->error_rms,
-                             "clipped_samples", (json_int_t)c->clipped, "phases", "read_ms", c->read_ms, "structure_ms", c->structure_ms, "write_ms",
-                             c->write_ms, "total_ms", c->total_ms, "peak_bytes", (json_int_t)peak);
+    json_t *root = json_pack(
+        "{s:s, s:s, s:s, s:s, s:s, s:s, s:I, s:[I,I,I], s:f, s:I, s:s, s:f, s:f, s:I, s:{s:f, s:f, s:f}, s:f, s:I}",
+        "input", c->request->input, "input_sha256", c->sha256, "format", c->format, "output", c->request->output,
+        "structure", df_field_kind_name(f->kind), "samples", df_sample_type_name(f->sample_type), "resolution",
+        (json_int_t)longest, "voxels", (json_int_t)n[0], (json_int_t)n[1], (json_int_t)n[2], "voxel_size",
+        f->voxel_size[0], "bytes", (json_int_t)c->bytes, "verdict", df_verdict_name(f->verdict), "max_error",
+        f->error_max, "rms_error", f->error_rms, "clipped_samples", (json_int_t)c->clipped, "phases", "read_ms",
+        c->read_ms, "structure_ms", c->structure_ms, "write_ms", c->write_ms, "total_ms", c->total_ms, "peak_bytes",
+        (json_int_t)peak);
     if (root && c->grid[0]) json_object_set_new(root, "grid", json_string(c->grid));
     if (root && c->band > 0) json_object_set_new(root, "band_voxels", json_real(c->band));
     if (root && f->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(f->brick_count));
@@ -237,7 +265,10 @@ df_status df_exchange_convert(const df_exchange_request *r, df_error *err) {
     double start = df_now_ms();
     conversion c = {.request = r};
     df_array_format array = df_array_format_of(r->input);
-    c.format = array == DF_ARRAY_NPY ? "npy" : array == DF_ARRAY_NRRD ? "nrrd" : has_extension(r->input, ".vdb") ? "vdb" : "dfield";
+    c.format = array == DF_ARRAY_NPY             ? "npy"
+               : array == DF_ARRAY_NRRD          ? "nrrd"
+               : has_extension(r->input, ".vdb") ? "vdb"
+                                                 : "dfield";
     bool is_vdb = strcmp(c.format, "vdb") == 0;
     df_status status = df_output_check(r->output, err);
     if (status == DF_OK) status = is_vdb ? read_vdb(&c, err) : read_field(&c, err);

@@ -1,5 +1,6 @@
 /*
- * df-convert where its input is a field already (.dfield, .vdb, .npy, .nrrd), or its output is a file of other programs (.vdb, .npy, .nrrd).
+ * df-convert where its input is a field already (.dfield, .vdb, .npy, .nrrd), or its output is a file of other programs
+ * (.vdb, .npy, .nrrd).
  */
 #ifndef DF_EXCHANGE_H
 #define DF_EXCHANGE_H
@@ -27,8 +28,9 @@ bool df_exchange_needs_dense(const char *path);
 /* Reads a field, brings it into the structure that is wanted, writes it and reports. */
 df_status df_exchange_convert(const df_exchange_request *request, df_error *err);
 
-/* Writes a finished field in the format that the extension names; anything unknown is a .dfield. A field of another structure than the format takes
- * is converted first, where that is possible (restructure.h). `band` as in the request. */
+/* Writes a finished field in the format that the extension names; anything unknown is a .dfield. A field of another
+ * structure than the format takes is converted first, where that is possible (restructure.h). `band` as in the request.
+ */
 df_status df_exchange_write(df_field *field, const char *path, double band, df_error *err);
 
 #endif

@@ -49,7 +49,8 @@ static void prepare_face(const double *const corner[3], df_face *face) {
     for (int i = 0; i < 3; i++) face->normal[i] = has_area ? normal[i] / area : 0;
 }
 
-/* The squared distance of a point to a face: the nearest of its sides and, where the foot of the perpendicular lies inside, its plane. */
+/* The squared distance of a point to a face: the nearest of its sides and, where the foot of the perpendicular lies
+ * inside, its plane. */
 static inline __attribute__((always_inline)) double face_distance(const df_face *f, double px, double py, double pz) {
     double x = px - f->a[0], y = py - f->a[1], z = pz - f->a[2];
     double s = (x * f->ab[0] + y * f->ab[1] + z * f->ab[2]) * f->inverse_ab;
@@ -81,8 +82,8 @@ static inline __attribute__((always_inline)) double face_distance(const df_face 
 }
 
 DF_FOR_EACH_ISA
-void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8], double *out,
-                       double least[8]) {
+void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8],
+                       double *out, double least[8]) {
     double low[8];
     for (int p = 0; p < 8; p++) low[p] = INFINITY;
     for (uint32_t i = 0; i < count; i++) {
@@ -98,8 +99,8 @@ void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t coun
 }
 
 DF_FOR_EACH_ISA
-void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes, float *distances,
-                    uint8_t *masks) {
+void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes,
+                    float *distances, uint8_t *masks) {
     float centre[3][8], half[3][8], low[8];
     uint32_t nearest[8] = {0};
     for (int b = 0; b < 8; b++) {
@@ -139,7 +140,8 @@ void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t cou
         int32_t keep[8];
 #pragma omp simd
         for (int b = 0; b < 8; b++) {
-            float x = fabsf(s.centre[0] - witness[0][b]), y = fabsf(s.centre[1] - witness[1][b]), z = fabsf(s.centre[2] - witness[2][b]);
+            float x = fabsf(s.centre[0] - witness[0][b]), y = fabsf(s.centre[1] - witness[1][b]),
+                  z = fabsf(s.centre[2] - witness[2][b]);
             float margin = d[b] - low[b] - 2 * (half[0][b] * x + half[1][b] * y + half[2][b] * z);
             keep[b] = margin <= radius * (2 * far[b] + radius) ? 1 << b : 0;
         }
@@ -177,7 +179,8 @@ static void sort_keys(key *keys, key *other, uint32_t count, uint32_t *histogram
     memcpy(other, keys, count * sizeof *keys); /* after an odd number of passes: back to where they came from */
 }
 
-static df_status order_faces(const df_mesh *mesh, const double low[3], const double high[3], df_face_tree *tree, df_error *err) {
+static df_status order_faces(const df_mesh *mesh, const double low[3], const double high[3], df_face_tree *tree,
+                             df_error *err) {
     key *keys = NULL;
     uint32_t *histogram = NULL;
     double scale[3];
@@ -190,7 +193,8 @@ static df_status order_faces(const df_mesh *mesh, const double low[3], const dou
         uint64_t code = 0;
         for (int a = 0; a < 3; a++) {
             double sum = 0;
-            for (int c = 0; c < 3; c++) sum += mesh->positions[(size_t)mesh->faces[(size_t)f * 3 + (size_t)c] * 3 + (size_t)a];
+            for (int c = 0; c < 3; c++)
+                sum += mesh->positions[(size_t)mesh->faces[(size_t)f * 3 + (size_t)c] * 3 + (size_t)a];
             code |= spread((uint64_t)((sum / 3 - low[a]) * scale[a])) << a;
         }
         keys[f] = (key){code, f};
@@ -272,8 +276,10 @@ df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *e
     }
     tree->slack = 4e-6 * extent;
     df_status status = df_alloc_raw((void **)&tree->order, mesh->face_count, sizeof *tree->order, "tree of faces", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&tree->faces, mesh->face_count, sizeof *tree->faces, "tree of faces", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&tree->spheres, mesh->face_count, sizeof *tree->spheres, "tree of faces", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&tree->faces, mesh->face_count, sizeof *tree->faces, "tree of faces", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&tree->spheres, mesh->face_count, sizeof *tree->spheres, "tree of faces", err);
     if (status == DF_OK) status = order_faces(mesh, low, high, tree, err);
     uint32_t count = mesh->face_count;
     while (status == DF_OK && (count > 1 || tree->level_count == 0)) {
@@ -301,7 +307,8 @@ void df_face_tree_free(df_face_tree *tree) {
     *tree = (df_face_tree){0};
 }
 
-/* Lower bounds, squared, of the distances of p (relative to the origin) to the eight boxes of a node, without the slack. */
+/* Lower bounds, squared, of the distances of p (relative to the origin) to the eight boxes of a node, without the
+ * slack. */
 static inline void box_distances(const df_face_node *node, const float p[3], float out[8]) {
     for (int c = 0; c < 8; c++) {
         float sum = 0;
@@ -320,8 +327,8 @@ typedef struct search {
     const df_face_tree *tree;
     const double *p;
     float local[3];
-    double best;  /* squared distance */
-    float limit;  /* squared: boxes beyond cannot hold anything nearer */
+    double best; /* squared distance */
+    float limit; /* squared: boxes beyond cannot hold anything nearer */
     uint32_t nearest;
 } search;
 
@@ -391,7 +398,8 @@ static void list_node(listing *l, uint32_t level, uint32_t n) {
     }
 }
 
-uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double distance, uint32_t *list, uint32_t capacity) {
+uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double distance, uint32_t *list,
+                           uint32_t capacity) {
     listing l = {.tree = tree, .list = list, .capacity = capacity};
     for (int a = 0; a < 3; a++) l.local[a] = (float)(p[a] - tree->origin[a]);
     double reach = (distance + tree->slack) * (1 + 1e-6);
@@ -410,13 +418,15 @@ static int32_t cross_faces(const df_face_tree *tree, uint32_t face, const double
     return df_winding_cross(f->a, b, c, p);
 }
 
-static int32_t cross_node(const df_face_tree *tree, uint32_t level, uint32_t n, const double p[3], const float local[3]) {
+static int32_t cross_node(const df_face_tree *tree, uint32_t level, uint32_t n, const double p[3],
+                          const float local[3]) {
     const df_face_node *node = &tree->levels[level][n];
     float slack = (float)tree->slack;
     int32_t sum = 0;
     for (uint32_t c = 0; c < 8; c++) {
         bool meets = node->low[0][c] - slack <= local[0];
-        for (int a = 1; a < 3; a++) meets = meets && node->low[a][c] - slack <= local[a] && local[a] <= node->high[a][c] + slack;
+        for (int a = 1; a < 3; a++)
+            meets = meets && node->low[a][c] - slack <= local[a] && local[a] <= node->high[a][c] + slack;
         if (meets) sum += level ? cross_node(tree, level - 1, n * 8 + c, p, local) : cross_faces(tree, n * 8 + c, p);
     }
     return sum;

@@ -12,19 +12,21 @@ static df_status check_box(const double low[3], const double high[3], const char
     }
     if (!(longest > 0)) return df_fail(err, DF_ERROR_INPUT, "%s: all of it lies in one point", name);
     if (longest < 1e-9 * coordinate) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: its size of %g is too small beside its coordinates of %g", name, longest, coordinate);
+        return df_fail(err, DF_ERROR_INPUT, "%s: its size of %g is too small beside its coordinates of %g", name,
+                       longest, coordinate);
     }
     return DF_OK;
 }
 
-df_status df_lattice_make(const df_lattice_request *request, const double low[3], const double high[3], const char *name,
-                          df_lattice *lattice, df_error *err) {
+df_status df_lattice_make(const df_lattice_request *request, const double low[3], const double high[3],
+                          const char *name, df_lattice *lattice, df_error *err) {
     df_status status = check_box(low, high, name, err);
     if (status != DF_OK) return status;
     double longest = fmax(high[0] - low[0], fmax(high[1] - low[1], high[2] - low[2]));
     double room = (double)request->resolution - 2 * request->padding;
     if (request->resolution && room < 1) {
-        return df_fail(err, DF_ERROR_USAGE, "--resolution %u: a padding of %g voxels on each side leaves no room for %s",
+        return df_fail(err, DF_ERROR_USAGE,
+                       "--resolution %u: a padding of %g voxels on each side leaves no room for %s",
                        request->resolution, request->padding, name);
     }
     double size = request->resolution ? longest / room : request->voxel_size;
@@ -34,8 +36,8 @@ df_status df_lattice_make(const df_lattice_request *request, const double low[3]
         /* the slack keeps a side that fits exactly from growing by a voxel through rounding */
         double count = fmax(1, ceil(extent / size + 2 * request->padding - 1e-9));
         if (count > DF_VOXEL_COUNT_MAX) {
-            return df_fail(err, DF_ERROR_USAGE, "--voxel-size %g: %s would need %.0f voxels along %c, the limit is %u", size, name,
-                           count, "xyz"[a], DF_VOXEL_COUNT_MAX);
+            return df_fail(err, DF_ERROR_USAGE, "--voxel-size %g: %s would need %.0f voxels along %c, the limit is %u",
+                           size, name, count, "xyz"[a], DF_VOXEL_COUNT_MAX);
         }
         lattice->voxel_count[a] = (uint32_t)count;
         lattice->cell_count[a] = (lattice->voxel_count[a] + request->brick_size - 1) / request->brick_size;

@@ -12,8 +12,8 @@ extern "C" {
 
 typedef struct df_lattice {
     uint32_t voxel_count[3];
-    double voxel_size; /* world units, the same on all axes */
-    double origin[3];  /* of sample (0,0,0) */
+    double voxel_size;      /* world units, the same on all axes */
+    double origin[3];       /* of sample (0,0,0) */
     uint32_t brick_size;    /* k: voxels along a coarse cell */
     uint32_t cell_count[3]; /* ceil(voxel_count / k) */
 } df_lattice;
@@ -32,10 +32,11 @@ typedef struct df_lattice_request {
     uint32_t brick_size;
 } df_lattice_request;
 
-/* Lays a lattice around the box low..high of a surface. The longest side gets `resolution` voxels (or as many as voxel_size asks), the
- * others as many as they need; the surface is centred. `name` stands for the surface in messages. */
-df_status df_lattice_make(const df_lattice_request *request, const double low[3], const double high[3], const char *name,
-                          df_lattice *lattice, df_error *err);
+/* Lays a lattice around the box low..high of a surface. The longest side gets `resolution` voxels (or as many as
+ * voxel_size asks), the others as many as they need; the surface is centred. `name` stands for the surface in messages.
+ */
+df_status df_lattice_make(const df_lattice_request *request, const double low[3], const double high[3],
+                          const char *name, df_lattice *lattice, df_error *err);
 
 /* World coordinate of sample index i along an axis: the one place where it is computed. */
 static inline double df_lattice_at(const df_lattice *lattice, int axis, uint32_t i) {

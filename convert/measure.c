@@ -107,7 +107,8 @@ static double true_distance(const df_truth *truth, const df_face_tree *tree, uin
     return side < 0 ? -distance : distance;
 }
 
-static df_status compare(const df_truth *truth, const df_face_tree *tree, const probe *probes, uint64_t count, df_field *field, df_error *err) {
+static df_status compare(const df_truth *truth, const df_face_tree *tree, const probe *probes, uint64_t count,
+                         df_field *field, df_error *err) {
     double largest = 0, sum = 0;
     bool short_of_memory = false;
 #pragma omp parallel reduction(|| : short_of_memory)
@@ -124,7 +125,8 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, const 
         free(active);
     }
     if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
-    for (uint64_t i = 0; i < count; i++) sum += probes[i].local[0] * probes[i].local[0]; /* in order: the same sum for any threads */
+    for (uint64_t i = 0; i < count; i++)
+        sum += probes[i].local[0] * probes[i].local[0]; /* in order: the same sum for any threads */
     if (isnan(sum)) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     field->error_max = largest;
     field->error_rms = count ? sqrt(sum / (double)count) : 0;

@@ -1,5 +1,5 @@
-/* The error of a finished field against what it was made of: at random points inside cells that a ray can hit (surface voxels or
- * leaves), the trilinear value against the signed distance. */
+/* The error of a finished field against what it was made of: at random points inside cells that a ray can hit (surface
+ * voxels or leaves), the trilinear value against the signed distance. */
 #ifndef DF_MEASURE_H
 #define DF_MEASURE_H
 
@@ -15,8 +15,8 @@ typedef struct df_truth {
     const df_face_tree *tree;         /* of sign->mesh; NULL: made for the purpose */
 } df_truth;
 
-/* Measures at point_count points spread evenly over all surface cells and sets error_max and error_rms (world units). The points depend on the field
- * alone. A field without surface cells gets 0. */
+/* Measures at point_count points spread evenly over all surface cells and sets error_max and error_rms (world units).
+ * The points depend on the field alone. A field without surface cells gets 0. */
 df_status df_measure_error(const df_truth *truth, uint32_t point_count, df_field *field, df_error *err);
 
 #endif

@@ -8,10 +8,10 @@
 namespace df {
 
 class memory_buffer : public std::streambuf {
-public:
+  public:
     memory_buffer(char *data, std::size_t size) { setg(data, data, data + size); }
 
-protected:
+  protected:
     pos_type seekoff(off_type offset, std::ios_base::seekdir way, std::ios_base::openmode) override {
         char *from = way == std::ios_base::beg ? eback() : way == std::ios_base::cur ? gptr() : egptr();
         if (offset < eback() - from || offset > egptr() - from) return pos_type(off_type(-1));

@@ -234,7 +234,8 @@ static uint32_t classify_edges(uint32_t low, const half_edge *halves, uint32_t h
         if (sum == 0) continue;
         uint32_t high = halves[i].high;
         if (borders) {
-            borders[border_count] = sum > 0 ? (df_mesh_border){low, high, (uint32_t)sum} : (df_mesh_border){high, low, (uint32_t)-sum};
+            borders[border_count] =
+                sum > 0 ? (df_mesh_border){low, high, (uint32_t)sum} : (df_mesh_border){high, low, (uint32_t)-sum};
         }
         border_count++;
     }
@@ -246,7 +247,8 @@ df_status df_mesh_find_edges(const df_mesh *mesh, df_mesh_edges *edges, df_error
     half_edge *halves = NULL;
     *edges = (df_mesh_edges){0};
     df_status status = df_alloc((void **)&starts, (uint64_t)mesh->vertex_count + 1, sizeof *starts, "mesh edges", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&halves, (uint64_t)mesh->face_count * 3, sizeof *halves, "mesh edges", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&halves, (uint64_t)mesh->face_count * 3, sizeof *halves, "mesh edges", err);
     if (status != DF_OK) goto done;
     fill_half_edges(mesh, starts, halves);
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {

@@ -61,8 +61,8 @@ static df_status check_corners(const df_mesh_builder *b, const char *name, df_er
     for (size_t polygon = 0, i = 0; polygon < b->polygon_count; polygon++) {
         for (size_t end = i + b->sizes[polygon]; i < end; i++) {
             if (b->corners[i] < b->vertex_count) continue;
-            return df_fail(err, DF_ERROR_FORMAT, "%s: face %zu uses vertex %u, but there are only %zu", name, polygon + 1,
-                           b->corners[i] + 1, b->vertex_count);
+            return df_fail(err, DF_ERROR_FORMAT, "%s: face %zu uses vertex %u, but there are only %zu", name,
+                           polygon + 1, b->corners[i] + 1, b->vertex_count);
         }
     }
     return DF_OK;
@@ -126,7 +126,8 @@ static void split_quadrilateral(const double *positions, const uint32_t c[4], ui
     double normal[3];
     polygon_normal(positions, c, 4, normal);
     bool proper[2];
-    for (int i = 0; i < 2; i++) proper[i] = facing(positions, cuts[i], normal) > 0 && facing(positions, cuts[i] + 3, normal) > 0;
+    for (int i = 0; i < 2; i++)
+        proper[i] = facing(positions, cuts[i], normal) > 0 && facing(positions, cuts[i] + 3, normal) > 0;
     int choice = squared_distance(positions + (size_t)c[1] * 3, positions + (size_t)c[3] * 3) <
                  squared_distance(positions + (size_t)c[0] * 3, positions + (size_t)c[2] * 3);
     if (proper[0] != proper[1]) choice = proper[1];

@@ -32,15 +32,15 @@ bool df_mesh_builder_vertex(df_mesh_builder *builder, double x, double y, double
 /* Corners count from 0 and may name vertices that come later. Fewer than three are skipped and counted. */
 bool df_mesh_builder_polygon(df_mesh_builder *builder, const uint32_t *corners, size_t corner_count);
 
-/* Cuts polygons into triangles and moves all into *mesh; the builder ends up empty, whatever the outcome. A corner out of range
- * is DF_ERROR_FORMAT; `name` stands for the file. */
+/* Cuts polygons into triangles and moves all into *mesh; the builder ends up empty, whatever the outcome. A corner out
+ * of range is DF_ERROR_FORMAT; `name` stands for the file. */
 df_status df_mesh_builder_finish(df_mesh_builder *builder, const char *name, df_mesh *mesh, df_error *err);
 
 void df_mesh_builder_free(df_mesh_builder *builder);
 
-/* Cuts a polygon into corner_count - 2 triangles of the same orientation: quadrilaterals along the diagonal that keeps both
- * halves facing one way (the shorter where both do), larger ones by clipping ears in the plane of their mean normal.
- * corners: indices into positions; triangles: room for (corner_count - 2) * 3 indices. */
+/* Cuts a polygon into corner_count - 2 triangles of the same orientation: quadrilaterals along the diagonal that keeps
+ * both halves facing one way (the shorter where both do), larger ones by clipping ears in the plane of their mean
+ * normal. corners: indices into positions; triangles: room for (corner_count - 2) * 3 indices. */
 void df_polygon_triangulate(const double *positions, const uint32_t *corners, size_t corner_count, uint32_t *triangles);
 
 #ifdef __cplusplus

@@ -18,7 +18,7 @@ using Point = CGAL::Exact_predicates_inexact_constructions_kernel::Point_3;
 // CGAL sizes a polygon as the file says before it reads its corners; this one refuses what the file cannot hold.
 thread_local size_t corner_limit;
 class polygon : public std::vector<uint32_t> {
-public:
+  public:
     void resize(size_t count) {
         if (count > corner_limit) throw std::runtime_error("a face has more corners than the file can hold");
         std::vector<uint32_t>::resize(count);
@@ -56,8 +56,9 @@ df_status df_mesh_parse_off(char *text, size_t size, const char *name, df_mesh_b
         if (!stream) return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
         // each vertex and face takes more than one byte
         if (header.size_of_vertices() > size || header.size_of_facets() > size) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: the header promises %zu vertices and %zu faces, more than %zu bytes can hold",
-                           name, header.size_of_vertices(), header.size_of_facets(), size);
+            return df_fail(err, DF_ERROR_FORMAT,
+                           "%s: the header promises %zu vertices and %zu faces, more than %zu bytes can hold", name,
+                           header.size_of_vertices(), header.size_of_facets(), size);
         }
         stream.clear();
         stream.seekg(0);
@@ -65,8 +66,8 @@ df_status df_mesh_parse_off(char *text, size_t size, const char *name, df_mesh_b
         std::vector<Point> points;
         std::vector<polygon> polygons;
         if (!CGAL::IO::read_OFF(stream, points, polygons, CGAL::parameters::verbose(false))) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: damaged or truncated OFF file (%zu vertices, %zu faces promised)", name,
-                           header.size_of_vertices(), header.size_of_facets());
+            return df_fail(err, DF_ERROR_FORMAT, "%s: damaged or truncated OFF file (%zu vertices, %zu faces promised)",
+                           name, header.size_of_vertices(), header.size_of_facets());
         }
         hand_over(points, polygons, builder);
         return DF_OK;

@@ -25,7 +25,8 @@ static uint32_t count_fans(const link_edge *sides, uint32_t count, uint32_t *par
     for (uint32_t i = 0; i < count; i++) parents[i] = i;
     for (uint32_t i = 0; i < count; i++) {
         for (uint32_t j = 0; j < i; j++) {
-            bool meet = sides[i].from == sides[j].from || sides[i].from == sides[j].to || sides[i].to == sides[j].from || sides[i].to == sides[j].to;
+            bool meet = sides[i].from == sides[j].from || sides[i].from == sides[j].to ||
+                        sides[i].to == sides[j].from || sides[i].to == sides[j].to;
             uint32_t a = link_root(parents, i), b = link_root(parents, j);
             if (!meet || a == b) continue;
             parents[a] = b;
@@ -50,7 +51,8 @@ static df_status count_non_manifold_vertices(const df_mesh *mesh, uint32_t *foun
         size_t face = i / 3 * 3;
         sides[at[mesh->faces[i]]++] = (link_edge){mesh->faces[face + (i + 1) % 3], mesh->faces[face + (i + 2) % 3]};
     }
-    for (uint32_t v = 0; v < mesh->vertex_count; v++) *found += count_fans(sides + starts[v], starts[v + 1] - starts[v], parents) > 1;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++)
+        *found += count_fans(sides + starts[v], starts[v + 1] - starts[v], parents) > 1;
 done:
     free(starts);
     free(sides);

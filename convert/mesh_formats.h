@@ -1,7 +1,7 @@
 /*
  * The readers behind df_mesh_read, one per format. Each takes the whole file in memory, followed by a zero byte that
- * is not counted, and hands vertices and polygons to a builder. `name` stands for the file in messages. What they add to the
- * builder before they fail does not matter.
+ * is not counted, and hands vertices and polygons to a builder. `name` stands for the file in messages. What they add
+ * to the builder before they fail does not matter.
  */
 #ifndef DF_MESH_FORMATS_H
 #define DF_MESH_FORMATS_H

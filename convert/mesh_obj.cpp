@@ -54,8 +54,8 @@ void blank_comments(char *text, size_t size) {
     }
 }
 
-// tinyobjloader reads "nan", "inf" and any other word as 0. Returns the number of the first vertex line with a letter that is not
-// part of a number, 0 when there is none.
+// tinyobjloader reads "nan", "inf" and any other word as 0. Returns the number of the first vertex line with a letter
+// that is not part of a number, 0 when there is none.
 size_t find_bad_vertex(const char *text, const char *end) {
     for (size_t line = 1; text < end; line++) {
         const char *next = static_cast<const char *>(std::memchr(text, '\n', size_t(end - text)));
@@ -94,7 +94,8 @@ df_status df_mesh_parse_obj(char *text, size_t size, const char *name, df_mesh_b
             return df_fail(err, DF_ERROR_FORMAT, "%s: %s", name, message.c_str());
         }
         if (c.bad) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: a face uses vertex %lld, which does not exist", name, c.bad_index);
+            return df_fail(err, DF_ERROR_FORMAT, "%s: a face uses vertex %lld, which does not exist", name,
+                           c.bad_index);
         }
         return DF_OK;
     });

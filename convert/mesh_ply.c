@@ -1,5 +1,5 @@
-/* CGAL 5.5 reads PLY too, but refuses triangle strips, believes list lengths before it has read them, and takes several times
- * as long; so this format has a reader of its own. */
+/* CGAL 5.5 reads PLY too, but refuses triangle strips, believes list lengths before it has read them, and takes several
+ * times as long; so this format has a reader of its own. */
 #include "convert/mesh_formats.h"
 
 #include <inttypes.h>
@@ -12,8 +12,9 @@ typedef enum ply_type { PLY_NONE, PLY_I8, PLY_U8, PLY_I16, PLY_U16, PLY_I32, PLY
 static const struct {
     const char *name, *alias;
     unsigned size;
-} types[] = {{"", "", 0},           {"char", "int8", 1},   {"uchar", "uint8", 1},     {"short", "int16", 2},   {"ushort", "uint16", 2},
-             {"int", "int32", 4},   {"uint", "uint32", 4}, {"float", "float32", 4},   {"double", "float64", 8}};
+} types[] = {{"", "", 0},           {"char", "int8", 1},     {"uchar", "uint8", 1},
+             {"short", "int16", 2}, {"ushort", "uint16", 2}, {"int", "int32", 4},
+             {"uint", "uint32", 4}, {"float", "float32", 4}, {"double", "float64", 8}};
 
 typedef enum ply_role { PLY_IGNORED, PLY_X, PLY_Y, PLY_Z, PLY_FACE, PLY_STRIPS } ply_role;
 
@@ -106,8 +107,8 @@ static df_status parse_element(ply_reader *r, const char *line, df_error *err) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: PLY header: malformed '%s'", r->name, line);
     }
     if (e->count > (uint64_t)(r->end - r->at)) { /* each takes a byte at least */
-        return df_fail(err, DF_ERROR_FORMAT, "%s: the header promises %" PRIu64 " of '%s', more than the file can hold", r->name,
-                       e->count, e->name);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: the header promises %" PRIu64 " of '%s', more than the file can hold",
+                       r->name, e->count, e->name);
     }
     r->element_count++;
     return DF_OK;
@@ -149,8 +150,8 @@ static df_status parse_header(ply_reader *r, df_error *err) {
     return df_fail(err, DF_ERROR_FORMAT, "%s: the PLY header does not end", r->name);
 }
 
-/* A decimal number at *at, before `end`. Correctly rounded: where 19 digits and an exact power of ten do not suffice, strtod is
- * asked (the text is zero-terminated). Returns 0 where there is no number. */
+/* A decimal number at *at, before `end`. Correctly rounded: where 19 digits and an exact power of ten do not suffice,
+ * strtod is asked (the text is zero-terminated). Returns 0 where there is no number. */
 static int parse_number(const char **at, const char *end, double *value) {
     static const double powers[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
                                     1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
@@ -163,7 +164,8 @@ static int parse_number(const char **at, const char *end, double *value) {
     int digits = 0, exponent = 0;
     for (; c < end && *c >= '0' && *c <= '9'; c++, digits++) mantissa = mantissa * 10 + (uint64_t)(*c - '0');
     if (c < end && *c == '.') {
-        for (c++; c < end && *c >= '0' && *c <= '9'; c++, digits++, exponent--) mantissa = mantissa * 10 + (uint64_t)(*c - '0');
+        for (c++; c < end && *c >= '0' && *c <= '9'; c++, digits++, exponent--)
+            mantissa = mantissa * 10 + (uint64_t)(*c - '0');
     }
     if (digits > 0 && digits <= 19 && mantissa <= (1ull << 53) && exponent >= -22 && (c == end || *c <= ' ')) {
         double magnitude = (double)mantissa / powers[-exponent];
@@ -205,7 +207,8 @@ static int read_value(ply_reader *r, ply_type type, double *value) {
 }
 
 static df_status fail_at(const ply_reader *r, const ply_element *e, uint64_t index, const char *what, df_error *err) {
-    return df_fail(err, DF_ERROR_FORMAT, "%s: %s %" PRIu64 " of %" PRIu64 ": %s", r->name, e->name, index + 1, e->count, what);
+    return df_fail(err, DF_ERROR_FORMAT, "%s: %s %" PRIu64 " of %" PRIu64 ": %s", r->name, e->name, index + 1, e->count,
+                   what);
 }
 
 /* Cuts the strip in r->list at its -1 entries (0xFFFFFFFF) and adds the triangles, every second one turned round. */

@@ -77,7 +77,8 @@ df_status df_mesh_read(const char *path, df_mesh *mesh, df_error *err) {
     df_status status = load(path, &text, &size, err);
     if (status != DF_OK) return status;
     df_mesh_builder builder = {0};
-    status = size == 0 ? df_fail(err, DF_ERROR_FORMAT, "%s: the file is empty", path) : parse(text, size, path, &builder, err);
+    status = size == 0 ? df_fail(err, DF_ERROR_FORMAT, "%s: the file is empty", path)
+                       : parse(text, size, path, &builder, err);
     free(text);
     if (status == DF_OK) return df_mesh_builder_finish(&builder, path, mesh, err);
     df_mesh_builder_free(&builder);

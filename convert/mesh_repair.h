@@ -8,12 +8,13 @@
 extern "C" {
 #endif
 
-/* Counts pairs of faces that cross each other away from shared corners, through CGAL's exact test. Slow: it costs more than a conversion. */
+/* Counts pairs of faces that cross each other away from shared corners, through CGAL's exact test. Slow: it costs more
+ * than a conversion. */
 df_status df_mesh_count_intersections(const df_mesh *mesh, uint64_t *pairs, df_error *err);
 
 typedef struct df_mesh_repairs {
-    uint32_t split_vertices;  /* copies made where the mesh is not manifold */
-    uint32_t stitched;        /* pairs of border edges joined */
+    uint32_t split_vertices; /* copies made where the mesh is not manifold */
+    uint32_t stitched;       /* pairs of border edges joined */
     uint32_t holes_filled, holes_left;
     uint32_t faces_added;
 } df_mesh_repairs;

@@ -11,17 +11,17 @@ typedef struct df_convert_report {
     const char *input, *output;
     char input_sha256[65]; /* empty for shapes */
     bool is_shape;
-    bool repaired;             /* --repair; then the cleaning and edges below are those of the repaired mesh */
+    bool repaired; /* --repair; then the cleaning and edges below are those of the repaired mesh */
     df_mesh_cleaning repair_cleaning;
     df_mesh_repairs repairs;
     uint32_t repair_flips, repair_turned;
     df_mesh_cleaning cleaning;
-    df_mesh_edges edges;      /* borders not kept */
-    uint32_t vertices, faces; /* after cleaning */
-    const char *distance;     /* "cgal", "openvdb", "shape" */
-    const char *sign_method;  /* "winding", "openvdb", "shape" */
+    df_mesh_edges edges;                       /* borders not kept */
+    uint32_t vertices, faces;                  /* after cleaning */
+    const char *distance;                      /* "cgal", "openvdb", "shape" */
+    const char *sign_method;                   /* "winding", "openvdb", "shape" */
     uint64_t sign_checks, sign_contradictions; /* points asked of CGAL's inside test, and where it disagreed */
-    const char *sign_reason; /* why the signs are not certain; NULL where they are */
+    const char *sign_reason;                   /* why the signs are not certain; NULL where they are */
     uint32_t flipped_faces, inverted_components, holes, hole_edges, unorientable_edges; /* see sign_mesh.h */
     df_build_report build;
     uint64_t leaves, divided_for_continuity; /* adf */
@@ -33,7 +33,8 @@ typedef struct df_convert_report {
 } df_convert_report;
 
 /* The provenance of a field as JSON: input, its checksum, options and versions, how the sign was decided; nothing that
- * differs from run to run. `options`: an object with the options that shaped the field; stolen. free() the result; NULL when memory is short. */
+ * differs from run to run. `options`: an object with the options that shaped the field; stolen. free() the result; NULL
+ * when memory is short. */
 char *df_report_provenance(const df_convert_report *report, const df_field *field, json_t *options);
 
 /* Lines on stdout. */

@@ -37,7 +37,8 @@ static const struct parameter {
 };
 #define PARAMETER_COUNT (sizeof parameters / sizeof *parameters)
 
-/* The gyroid of period 2 pi curves by at most 1 / GYROID_REACH: a critical point of the distance that is nearer is the nearest. */
+/* The gyroid of period 2 pi curves by at most 1 / GYROID_REACH: a critical point of the distance that is nearer is the
+ * nearest. */
 #define GYROID_REACH 0.7
 
 bool df_shape_is_name(const char *name) { return strncmp(name, "shape:", 6) == 0; }
@@ -69,20 +70,24 @@ static void set_rotation(df_shape *shape) {
     double axis[3] = {1 / length, 2 / length, 3 / length};
     double cross[3][3] = {{0, -axis[2], axis[1]}, {axis[2], 0, -axis[0]}, {-axis[1], axis[0], 0}};
     for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) shape->rotation[j][i] = (i == j) * c + s * cross[i][j] + (1 - c) * axis[i] * axis[j];
+        for (int j = 0; j < 3; j++)
+            shape->rotation[j][i] = (i == j) * c + s * cross[i][j] + (1 - c) * axis[i] * axis[j];
     }
 }
 
 static df_status check_shape(const df_shape *shape, const char *name, df_error *err) {
     if (shape->kind == DF_SHAPE_TORUS && shape->minor >= shape->major) {
-        return df_fail(err, DF_ERROR_USAGE, "%s: minor=%g must be less than major=%g", name, shape->minor, shape->major);
+        return df_fail(err, DF_ERROR_USAGE, "%s: minor=%g must be less than major=%g", name, shape->minor,
+                       shape->major);
     }
     if (shape->kind == DF_SHAPE_SHELL && shape->thickness >= 2 * shape->radius) {
-        return df_fail(err, DF_ERROR_USAGE, "%s: thickness=%g must be less than twice radius=%g", name, shape->thickness, shape->radius);
+        return df_fail(err, DF_ERROR_USAGE, "%s: thickness=%g must be less than twice radius=%g", name,
+                       shape->thickness, shape->radius);
     }
     double limit = 2 * GYROID_REACH * shape->period / 6.283185307179586;
     if (shape->kind == DF_SHAPE_GYROID && shape->thickness > limit) {
-        return df_fail(err, DF_ERROR_USAGE, "%s: thickness=%g must be at most %g for its period", name, shape->thickness, limit);
+        return df_fail(err, DF_ERROR_USAGE, "%s: thickness=%g must be at most %g for its period", name,
+                       shape->thickness, limit);
     }
     return DF_OK;
 }
@@ -91,7 +96,8 @@ df_status df_shape_parse(const char *name, df_shape *shape, df_error *err) {
     assert(df_shape_is_name(name));
     char text[512];
     *shape = (df_shape){0};
-    if (strlen(name) >= sizeof text) return df_fail(err, DF_ERROR_USAGE, "%.40s...: the name of the shape is too long", name);
+    if (strlen(name) >= sizeof text)
+        return df_fail(err, DF_ERROR_USAGE, "%.40s...: the name of the shape is too long", name);
     strcpy(text, name + 6);
     char *rest = strchr(text, ':');
     if (rest) *rest++ = 0;
@@ -178,8 +184,8 @@ static double distance_between(const double p[3], const double q[3]) {
     return sqrt((q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]) + (q[2] - p[2]) * (q[2] - p[2]));
 }
 
-/* The distance from p to a critical point of it on the gyroid, found by Newton steps on q - p + l grad g = 0, g = 0 from a start near the
- * surface; INFINITY where they do not converge. */
+/* The distance from p to a critical point of it on the gyroid, found by Newton steps on q - p + l grad g = 0, g = 0
+ * from a start near the surface; INFINITY where they do not converge. */
 static double gyroid_critical(const double p[3], const double start[3]) {
     double q[3] = {start[0], start[1], start[2]}, n[3], h[6], lambda = 0;
     gyroid(q, n, h);
@@ -204,8 +210,8 @@ static double gyroid_critical(const double p[3], const double start[3]) {
 #define GYROID_STARTS 27 /* directions to search in, and the point itself */
 #define GYROID_TRIES 4   /* of them, the nearest to the point are refined */
 
-/* The distance to the gyroid of period 2 pi. A critical point nearer than the reach is the nearest; where none is found, points around
- * are pulled to the surface, and the nearest of these are where the search goes on. */
+/* The distance to the gyroid of period 2 pi. A critical point nearer than the reach is the nearest; where none is
+ * found, points around are pulled to the surface, and the nearest of these are where the search goes on. */
 static double gyroid_distance(const double p[3]) {
     double starts[GYROID_STARTS][3], distances[GYROID_STARTS];
     for (int i = 0; i < GYROID_STARTS; i++) {
@@ -255,7 +261,8 @@ double df_shape_distance(const df_shape *shape, const double world[3]) {
     }
     case DF_SHAPE_BOX: return box_distance(shape->side, p);
     case DF_SHAPE_ROTATED_BOX:
-        for (int i = 0; i < 3; i++) q[i] = shape->rotation[i][0] * p[0] + shape->rotation[i][1] * p[1] + shape->rotation[i][2] * p[2];
+        for (int i = 0; i < 3; i++)
+            q[i] = shape->rotation[i][0] * p[0] + shape->rotation[i][1] * p[1] + shape->rotation[i][2] * p[2];
         return box_distance(shape->side, q);
     case DF_SHAPE_GYROID: {
         double scale;
@@ -270,7 +277,8 @@ static void fill(const void *context, const df_lattice *lattice, const df_sample
     for (uint32_t k = 0; k < box->count[2]; k++) {
         for (uint32_t j = 0; j < box->count[1]; j++) {
             for (uint32_t i = 0; i < box->count[0]; i++) {
-                double p[3] = {df_lattice_at(lattice, 0, box->first[0] + i), df_lattice_at(lattice, 1, box->first[1] + j),
+                double p[3] = {df_lattice_at(lattice, 0, box->first[0] + i),
+                               df_lattice_at(lattice, 1, box->first[1] + j),
                                df_lattice_at(lattice, 2, box->first[2] + k)};
                 double d = df_shape_distance(context, p);
                 *out++ = d < 0 ? -df_distance_round(-d) : df_distance_round(d);
@@ -288,7 +296,8 @@ void df_distance_shape(const df_shape *shape, df_distance_source *source) {
 bool df_shape_keeps_cell(const void *context, const uint32_t cell[3]) {
     const df_shape_cells *c = context;
     double centre[3], half = c->lattice->brick_size * 0.5;
-    for (int a = 0; a < 3; a++) centre[a] = df_lattice_at(c->lattice, a, cell[a] * c->lattice->brick_size) + half * c->lattice->voxel_size;
+    for (int a = 0; a < 3; a++)
+        centre[a] = df_lattice_at(c->lattice, a, cell[a] * c->lattice->brick_size) + half * c->lattice->voxel_size;
     double reach = (half + DF_CELL_REACH) * 1.7320508075688773 * c->lattice->voxel_size, q[3], scale;
     if (c->shape->kind == DF_SHAPE_GYROID) {
         gyroid_point(c->shape, centre, q, &scale);

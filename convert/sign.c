@@ -47,16 +47,20 @@ static bool clear_of_face(const df_sign_mesh *m, uint32_t face, const double p[3
     return fabs(height) > radius * sqrt(length) * 1.000001;
 }
 
-/* A bound on how much the correction differs between points of the ball: by Biot and Savart, a border edge of length l at a distance r turns it by at
- * most l / (4 pi r^2) a unit. INFINITY where the ball meets a fan, across which it jumps, or an edge. */
-static double variation(const df_sign_mesh *m, const uint32_t *active, uint32_t count, const double p[3], double radius) {
+/* A bound on how much the correction differs between points of the ball: by Biot and Savart, a border edge of length l
+ * at a distance r turns it by at most l / (4 pi r^2) a unit. INFINITY where the ball meets a fan, across which it
+ * jumps, or an edge. */
+static double variation(const df_sign_mesh *m, const uint32_t *active, uint32_t count, const double p[3],
+                        double radius) {
     double gradient = 0;
     for (uint32_t i = 0; i < count; i++) {
         const df_cap *cap = &m->caps[active[i]];
         for (uint32_t f = cap->first_face; f < cap->first_face + cap->face_count; f++) {
             if (!clear_of_face(m, f, p, radius)) return INFINITY;
             const double *a = vertex(m, f, 0), *b = vertex(m, f, 1);
-            double distance = distance_to_segment(p, a, b) - radius, length = sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+            double distance = distance_to_segment(p, a, b) - radius,
+                   length = sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                                 (a[2] - b[2]) * (a[2] - b[2]));
             if (!(distance > 0)) return INFINITY;
             gradient += length / (12.566370614359172 * distance * distance);
         }
@@ -64,7 +68,8 @@ static double variation(const df_sign_mesh *m, const uint32_t *active, uint32_t 
     return gradient * radius;
 }
 
-void df_sign_make_rule(const df_sign *sign, const double centre[3], double radius, uint32_t *active, df_sign_rule *rule) {
+void df_sign_make_rule(const df_sign *sign, const double centre[3], double radius, uint32_t *active,
+                       df_sign_rule *rule) {
     *rule = (df_sign_rule){sign, 1, 0, active};
     const df_sign_mesh *m = &sign->made;
     if (m->cap_count == 0 || sign->method == DF_SIGN_PARITY) return;
@@ -90,7 +95,8 @@ static float with_side(float value, bool inside) {
     return inside && magnitude != 0 ? -magnitude : magnitude;
 }
 
-void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count, float *values) {
+void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count,
+                   float *values) {
     if (rule->active_count == 0) {
         bool parity = rule->sign->method == DF_SIGN_PARITY;
         for (uint32_t i = 0; i < count; i++) {
@@ -103,7 +109,8 @@ void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const doub
         for (uint32_t p = 0; p < 8; p++) {
             for (int a = 0; a < 3; a++) eight[a][p] = points[i + p < count ? i + p : count - 1][a];
         }
-        df_sign_mesh_corrections(&rule->sign->made, rule->active, rule->active_count, (const double(*)[8])eight, corrections);
+        df_sign_mesh_corrections(&rule->sign->made, rule->active, rule->active_count, (const double(*)[8])eight,
+                                 corrections);
         for (uint32_t p = 0; p < 8 && i + p < count; p++) {
             values[i + p] = with_side(values[i + p], windings[i + p] - corrections[p] >= 0.5);
         }

@@ -1,6 +1,6 @@
 /*
- * Which samples are inside. The winding number counted along the rows (winding.h) decides, on the mesh as it is or on a sign mesh
- * (oriented, with fans over its holes), by the rule that the caller asks for.
+ * Which samples are inside. The winding number counted along the rows (winding.h) decides, on the mesh as it is or on a
+ * sign mesh (oriented, with fans over its holes), by the rule that the caller asks for.
  */
 #ifndef DF_SIGN_H
 #define DF_SIGN_H
@@ -28,16 +28,18 @@ void df_sign_free(df_sign *sign);
 /* How a winding number becomes a side, for the points of a ball. */
 typedef struct df_sign_rule {
     const df_sign *sign;
-    int32_t threshold;      /* inside where the winding number is at least this; valid when active_count = 0 */
-    uint32_t active_count;  /* fans that must be looked at for each point */
-    uint32_t *active;       /* room for made.cap_count, given by the caller */
+    int32_t threshold;     /* inside where the winding number is at least this; valid when active_count = 0 */
+    uint32_t active_count; /* fans that must be looked at for each point */
+    uint32_t *active;      /* room for made.cap_count, given by the caller */
 } df_sign_rule;
 
 /* Sets the rule for points within `radius` of the centre; `active` has room for sign->made.cap_count. */
-void df_sign_make_rule(const df_sign *sign, const double centre[3], double radius, uint32_t *active, df_sign_rule *rule);
+void df_sign_make_rule(const df_sign *sign, const double centre[3], double radius, uint32_t *active,
+                       df_sign_rule *rule);
 
-/* Makes values negative that are inside and positive that are not; zero stays +0. `windings` are counted along the rows; points: where the values
- * lie, looked at only for rule->active_count > 0. */
-void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count, float *values);
+/* Makes values negative that are inside and positive that are not; zero stays +0. `windings` are counted along the
+ * rows; points: where the values lie, looked at only for rule->active_count > 0. */
+void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count,
+                   float *values);
 
 #endif

@@ -30,7 +30,8 @@ static uint32_t find(forest *f, uint32_t face, uint8_t *flip) {
     return face;
 }
 
-/* Joins two faces that need (flip = 1) or need not be flipped against each other. Returns false where that contradicts what is known. */
+/* Joins two faces that need (flip = 1) or need not be flipped against each other. Returns false where that contradicts
+ * what is known. */
 static bool join(forest *f, uint32_t a, uint32_t b, uint8_t flip) {
     uint8_t flip_a, flip_b;
     uint32_t root_a = find(f, a, &flip_a), root_b = find(f, b, &flip_b);
@@ -40,7 +41,8 @@ static bool join(forest *f, uint32_t a, uint32_t b, uint8_t flip) {
         root_a = root_b;
         root_b = swap;
     }
-    f->parent[root_b] = root_a; /* the smaller face number is the root: the result does not depend on the order of joins */
+    f->parent[root_b] =
+        root_a; /* the smaller face number is the root: the result does not depend on the order of joins */
     f->flip[root_b] = flip_a ^ flip_b ^ flip;
     return true;
 }
@@ -92,9 +94,11 @@ static df_status list_sides(const df_mesh *mesh, uint32_t **starts, side **sides
 }
 
 /* Joins faces over edges: `patches` over edges of two faces with what it takes to agree, `components` over all. */
-static void join_faces(const side *sides, uint32_t count, forest *patches, forest *components, uint32_t *contradictions) {
+static void join_faces(const side *sides, uint32_t count, forest *patches, forest *components,
+                       uint32_t *contradictions) {
     for (uint32_t i = 0, next; i < count; i = next) {
-        for (next = i + 1; next < count && sides[next].high == sides[i].high; next++) join(components, sides[i].face, sides[next].face, 0);
+        for (next = i + 1; next < count && sides[next].high == sides[i].high; next++)
+            join(components, sides[i].face, sides[next].face, 0);
         if (next - i != 2) continue;
         *contradictions += !join(patches, sides[i].face, sides[i + 1].face, sides[i].upward == sides[i + 1].upward);
     }
@@ -152,7 +156,8 @@ typedef struct component {
 } component;
 
 /* The winding number at p of the faces whose component equals (or, with others = true, does not equal) c. */
-static double winding_of(const df_mesh *mesh, const uint32_t *component_of, uint32_t c, bool others, const double p[3]) {
+static double winding_of(const df_mesh *mesh, const uint32_t *component_of, uint32_t c, bool others,
+                         const double p[3]) {
     double sum = 0;
 #pragma omp parallel for schedule(static) reduction(+ : sum)
     for (uint32_t f = 0; f < mesh->face_count; f++) {
@@ -161,8 +166,8 @@ static double winding_of(const df_mesh *mesh, const uint32_t *component_of, uint
     return sum;
 }
 
-/* Turns closed components with a negative volume that lie in no other, together with those inside them. Bodies beyond the first
- * INVERTED_MAX are left as they are: the search looks at every face for each. */
+/* Turns closed components with a negative volume that lie in no other, together with those inside them. Bodies beyond
+ * the first INVERTED_MAX are left as they are: the search looks at every face for each. */
 #define INVERTED_MAX 200
 static void turn_inverted(df_sign_mesh *sign, const uint32_t *component_of, component *components) {
     df_mesh *mesh = &sign->mesh;
@@ -192,8 +197,10 @@ static df_status measure_components(df_sign_mesh *sign, forest *joined, const df
     uint32_t *component_of = NULL, *of_vertex = NULL;
     component *components = NULL;
     df_status status = df_alloc_raw((void **)&component_of, mesh->face_count, sizeof *component_of, "orientation", err);
-    if (status == DF_OK) status = df_alloc((void **)&components, mesh->face_count, sizeof *components, "orientation", err);
-    if (status == DF_OK) status = df_alloc((void **)&of_vertex, mesh->vertex_count, sizeof *of_vertex, "orientation", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&components, mesh->face_count, sizeof *components, "orientation", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&of_vertex, mesh->vertex_count, sizeof *of_vertex, "orientation", err);
     if (status != DF_OK) goto done;
     const double *o = mesh->positions;
     bool any_negative = false;
@@ -211,11 +218,13 @@ static df_status measure_components(df_sign_mesh *sign, forest *joined, const df
             of_vertex[vertex] = component_of[f];
             for (int a = 0; a < 3; a++) v[i][a] = mesh->positions[(size_t)vertex * 3 + (size_t)a] - o[a];
         }
-        c->volume += v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) + v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
+        c->volume += v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) +
+                     v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
                      v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
     }
     for (uint32_t i = 0; i < edges->border_count; i++) components[of_vertex[edges->borders[i].from]].closed = false;
-    for (uint32_t c = 0; c < sign->component_count; c++) any_negative = any_negative || (components[c].closed && components[c].volume < 0);
+    for (uint32_t c = 0; c < sign->component_count; c++)
+        any_negative = any_negative || (components[c].closed && components[c].volume < 0);
     if (any_negative) turn_inverted(sign, component_of, components);
 done:
     free(component_of);
@@ -226,8 +235,10 @@ done:
 
 static df_status copy_mesh(const df_mesh *from, df_mesh *to, df_error *err) {
     *to = (df_mesh){.vertex_count = from->vertex_count, .face_count = from->face_count};
-    df_status status = df_alloc_raw((void **)&to->positions, from->vertex_count, 3 * sizeof *to->positions, "orientation", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&to->faces, from->face_count, 3 * sizeof *to->faces, "orientation", err);
+    df_status status =
+        df_alloc_raw((void **)&to->positions, from->vertex_count, 3 * sizeof *to->positions, "orientation", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&to->faces, from->face_count, 3 * sizeof *to->faces, "orientation", err);
     if (status != DF_OK) return status;
     memcpy(to->positions, from->positions, (size_t)from->vertex_count * 3 * sizeof *to->positions);
     memcpy(to->faces, from->faces, (size_t)from->face_count * 3 * sizeof *to->faces);
@@ -281,7 +292,8 @@ static df_status find_pieces(const df_mesh *mesh, const df_mesh_edges *edges, fo
 }
 
 /* Centres of the pieces, and room in the mesh for their fans. */
-static df_status place_caps(df_sign_mesh *sign, const df_mesh_edges *edges, forest *pieces, uint32_t *cap_of, df_error *err) {
+static df_status place_caps(df_sign_mesh *sign, const df_mesh_edges *edges, forest *pieces, uint32_t *cap_of,
+                            df_error *err) {
     df_mesh *mesh = &sign->mesh;
     uint64_t fan_faces = 0;
     uint8_t flip;
@@ -291,13 +303,15 @@ static df_status place_caps(df_sign_mesh *sign, const df_mesh_edges *edges, fore
         df_cap *cap = &sign->caps[cap_of[i] = cap_of[root]];
         for (int a = 0; a < 3; a++) {
             cap->centre[a] += (mesh->positions[(size_t)edges->borders[i].from * 3 + (size_t)a] +
-                               mesh->positions[(size_t)edges->borders[i].to * 3 + (size_t)a]) / 2;
+                               mesh->positions[(size_t)edges->borders[i].to * 3 + (size_t)a]) /
+                              2;
         }
         cap->edge_count++;
         cap->face_count += edges->borders[i].count;
         fan_faces += edges->borders[i].count;
     }
-    double *positions = realloc(mesh->positions, ((size_t)mesh->vertex_count + sign->cap_count) * 3 * sizeof *positions);
+    double *positions =
+        realloc(mesh->positions, ((size_t)mesh->vertex_count + sign->cap_count) * 3 * sizeof *positions);
     if (positions) mesh->positions = positions;
     uint32_t *faces = realloc(mesh->faces, (mesh->face_count + fan_faces) * 3 * sizeof *faces);
     if (faces) mesh->faces = faces;
@@ -305,7 +319,8 @@ static df_status place_caps(df_sign_mesh *sign, const df_mesh_edges *edges, fore
     uint32_t at = mesh->face_count;
     for (uint32_t c = 0; c < sign->cap_count; c++) {
         df_cap *cap = &sign->caps[c];
-        for (int a = 0; a < 3; a++) mesh->positions[((size_t)mesh->vertex_count + c) * 3 + (size_t)a] = cap->centre[a] /= cap->edge_count;
+        for (int a = 0; a < 3; a++)
+            mesh->positions[((size_t)mesh->vertex_count + c) * 3 + (size_t)a] = cap->centre[a] /= cap->edge_count;
         cap->first_face = at;
         at += cap->face_count;
         cap->face_count = 0;
@@ -326,7 +341,8 @@ static df_status add_caps(df_sign_mesh *sign, const df_mesh_edges *edges, df_err
     uint32_t *cap_of = NULL;
     df_mesh *mesh = &sign->mesh;
     df_status status = find_pieces(mesh, edges, &pieces, err);
-    if (status == DF_OK) status = df_alloc((void **)&sign->caps, edges->border_count, sizeof *sign->caps, "border", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&sign->caps, edges->border_count, sizeof *sign->caps, "border", err);
     if (status == DF_OK) status = df_alloc_raw((void **)&cap_of, edges->border_count, sizeof *cap_of, "border", err);
     if (status == DF_OK) status = place_caps(sign, edges, &pieces, cap_of, err);
     if (status != DF_OK) goto done;
@@ -374,32 +390,38 @@ void df_sign_mesh_free(df_sign_mesh *sign) {
     *sign = (df_sign_mesh){0};
 }
 
-/* The half solid angles are the arguments of complex numbers (van Oosterom, Strackee), which are multiplied up; `turns` counts where
- * the product's argument passes from pi to -pi, so that only one arc tangent a point is left at the end. */
+/* The half solid angles are the arguments of complex numbers (van Oosterom, Strackee), which are multiplied up; `turns`
+ * counts where the product's argument passes from pi to -pi, so that only one arc tangent a point is left at the end.
+ */
 DF_FOR_EACH_ISA
-void df_sign_mesh_corrections(const df_sign_mesh *sign, const uint32_t *active, uint32_t active_count, const double points[3][8],
-                              double out[8]) {
+void df_sign_mesh_corrections(const df_sign_mesh *sign, const uint32_t *active, uint32_t active_count,
+                              const double points[3][8], double out[8]) {
     double re[8], im[8], turns[8];
     for (int p = 0; p < 8; p++) re[p] = 1, im[p] = 0, turns[p] = 0;
     for (uint32_t i = 0; i < active_count; i++) {
         const df_cap *cap = &sign->caps[active[i]];
         for (uint32_t f = cap->first_face; f < cap->first_face + cap->face_count; f++) {
             const uint32_t *face = sign->mesh.faces + (size_t)f * 3;
-            const double *a = sign->mesh.positions + (size_t)face[0] * 3, *b = sign->mesh.positions + (size_t)face[1] * 3,
+            const double *a = sign->mesh.positions + (size_t)face[0] * 3,
+                         *b = sign->mesh.positions + (size_t)face[1] * 3,
                          *c = sign->mesh.positions + (size_t)face[2] * 3;
-            const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
+            const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1],
+                         c2 = c[2];
 #pragma omp simd
             for (int p = 0; p < 8; p++) {
                 double x = points[0][p], y = points[1][p], z = points[2][p];
                 double ux = a0 - x, uy = a1 - y, uz = a2 - z, vx = b0 - x, vy = b1 - y, vz = b2 - z;
                 double wx = c0 - x, wy = c1 - y, wz = c2 - z;
-                double u = sqrt(ux * ux + uy * uy + uz * uz), v = sqrt(vx * vx + vy * vy + vz * vz), w = sqrt(wx * wx + wy * wy + wz * wz);
+                double u = sqrt(ux * ux + uy * uy + uz * uz), v = sqrt(vx * vx + vy * vy + vz * vz),
+                       w = sqrt(wx * wx + wy * wy + wz * wz);
                 double det = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx);
-                double den = u * v * w + (ux * vx + uy * vy + uz * vz) * w + (vx * wx + vy * wy + vz * wz) * u + (wx * ux + wy * uy + wz * uz) * v;
+                double den = u * v * w + (ux * vx + uy * vy + uz * vz) * w + (vx * wx + vy * wy + vz * wz) * u +
+                             (wx * ux + wy * uy + wz * uz) * v;
                 double size = 1 / (fabs(det) + fabs(den) + 1e-300);
                 det *= size;
                 den *= size;
-                double r = re[p] * den - im[p] * det, m = re[p] * det + im[p] * den, norm = 1 / (fabs(r) + fabs(m) + 1e-300);
+                double r = re[p] * den - im[p] * det, m = re[p] * det + im[p] * den,
+                       norm = 1 / (fabs(r) + fabs(m) + 1e-300);
                 double was_upper = im[p] >= 0 ? 1.0 : 0.0, is_upper = m >= 0 ? 1.0 : 0.0;
                 double turn_up = det > 0 ? 1.0 : 0.0, turn_down = det < 0 ? 1.0 : 0.0;
                 turns[p] += was_upper * (1 - is_upper) * turn_up - (1 - was_upper) * is_upper * turn_down;

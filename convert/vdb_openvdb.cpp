@@ -28,7 +28,7 @@ using leaf = FloatGrid::TreeType::LeafNodeType;
 struct df_vdb {
     FloatGrid::Ptr grid;
     std::string name;
-    Coord first;             // voxel of sample (0,0,0)
+    Coord first; // voxel of sample (0,0,0)
     df_lattice lattice;
     std::vector<uint8_t> near; // by coarse cell: 1 where a leaf of the tree is near it
 };
@@ -39,17 +39,19 @@ const char *const box_key = "distfield_voxel_count"; // metadata: the box of a f
 
 std::string quoted(const std::string &name) { return "\"" + name + "\""; }
 
-// Every grid of a file. Reading throws where the file ends too soon: its stream reports that, OpenVDB by itself does not.
+// Every grid of a file. Reading throws where the file ends too soon: its stream reports that, OpenVDB by itself does
+// not.
 openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
     file.exceptions(std::ios::badbit | std::ios::failbit | std::ios::eofbit);
     return openvdb::io::Stream(file, false).getGrids();
 }
 
-// OpenVDB trusts counts and offsets in a file, so that a damaged one may overrun its buffers. A child process reads it first: what ends the child
-// would have ended us.
+// OpenVDB trusts counts and offsets in a file, so that a damaged one may overrun its buffers. A child process reads it
+// first: what ends the child would have ended us.
 df_status try_reading(const char *path, df_error *err) {
     const pid_t child = fork();
-    if (child < 0) return df_fail(err, DF_ERROR_MEMORY, "%s: cannot start a process to read it: %s", path, std::strerror(errno));
+    if (child < 0)
+        return df_fail(err, DF_ERROR_MEMORY, "%s: cannot start a process to read it: %s", path, std::strerror(errno));
     if (child == 0) {
         const rlimit no_core = {0, 0};
         setrlimit(RLIMIT_CORE, &no_core);
@@ -68,34 +70,44 @@ df_status try_reading(const char *path, df_error *err) {
     return WIFSIGNALED(state) ? df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged", path) : DF_OK;
 }
 
-bool is_level_set(const openvdb::GridBase &grid) { return grid.isType<FloatGrid>() && grid.getGridClass() == openvdb::GRID_LEVEL_SET; }
+bool is_level_set(const openvdb::GridBase &grid) {
+    return grid.isType<FloatGrid>() && grid.getGridClass() == openvdb::GRID_LEVEL_SET;
+}
 
 std::string kind_of(const openvdb::GridBase &grid) {
-    return (grid.getGridClass() == openvdb::GRID_UNKNOWN ? std::string("no class") : openvdb::GridBase::gridClassToMenuName(grid.getGridClass())) +
+    return (grid.getGridClass() == openvdb::GRID_UNKNOWN
+                ? std::string("no class")
+                : openvdb::GridBase::gridClassToMenuName(grid.getGridClass())) +
            " of " + grid.valueType();
 }
 
 // What the file holds, for a message.
 std::string list(const openvdb::GridPtrVec &grids) {
     std::string text;
-    for (const auto &grid : grids) text += (text.empty() ? "" : ", ") + quoted(grid->getName()) + " (" + kind_of(*grid) + ")";
+    for (const auto &grid : grids)
+        text += (text.empty() ? "" : ", ") + quoted(grid->getName()) + " (" + kind_of(*grid) + ")";
     return text.empty() ? "no grid" : text;
 }
 
-df_status choose(const openvdb::GridPtrVec &grids, const char *path, const char *name, FloatGrid::Ptr &chosen, df_error *err) {
+df_status choose(const openvdb::GridPtrVec &grids, const char *path, const char *name, FloatGrid::Ptr &chosen,
+                 df_error *err) {
     unsigned count = 0;
     for (const auto &grid : grids) {
         if (name ? grid->getName() != name : !is_level_set(*grid)) continue;
         if (!is_level_set(*grid)) {
-            return df_fail(err, DF_ERROR_INPUT, "%s: grid %s is no level set of floats: %s", path, quoted(name).c_str(), kind_of(*grid).c_str());
+            return df_fail(err, DF_ERROR_INPUT, "%s: grid %s is no level set of floats: %s", path, quoted(name).c_str(),
+                           kind_of(*grid).c_str());
         }
         chosen = openvdb::gridPtrCast<FloatGrid>(grid);
         count++;
     }
     if (count == 1) return DF_OK;
-    if (count > 1 && !name) return df_fail(err, DF_ERROR_INPUT, "%s: choose a level set with --grid: %s", path, list(grids).c_str());
+    if (count > 1 && !name)
+        return df_fail(err, DF_ERROR_INPUT, "%s: choose a level set with --grid: %s", path, list(grids).c_str());
     if (count > 1) return df_fail(err, DF_ERROR_INPUT, "%s: %u grids are called %s", path, count, quoted(name).c_str());
-    if (name) return df_fail(err, DF_ERROR_INPUT, "%s: no grid %s; it holds %s", path, quoted(name).c_str(), list(grids).c_str());
+    if (name)
+        return df_fail(err, DF_ERROR_INPUT, "%s: no grid %s; it holds %s", path, quoted(name).c_str(),
+                       list(grids).c_str());
     return df_fail(err, DF_ERROR_INPUT, "%s: no level set of floats; it holds %s", path, list(grids).c_str());
 }
 
@@ -105,33 +117,40 @@ df_status read_transform(const FloatGrid &grid, const char *path, double size[3]
     const openvdb::math::Mat4d m = grid.transform().baseMap()->getAffineMap()->getMat4();
     for (int a = 0; a < 3; a++) {
         for (int b = 0; b < 3; b++) {
-            if (a != b && std::fabs(m(a, b)) > 1e-12 * std::fabs(m(a, a))) return df_fail(err, DF_ERROR_INPUT, "%s: its grid is turned or sheared", path);
+            if (a != b && std::fabs(m(a, b)) > 1e-12 * std::fabs(m(a, a)))
+                return df_fail(err, DF_ERROR_INPUT, "%s: its grid is turned or sheared", path);
         }
-        if (!(m(a, a) > 0)) return df_fail(err, DF_ERROR_INPUT, "%s: its grid is mirrored or flat along %c", path, "xyz"[a]);
+        if (!(m(a, a) > 0))
+            return df_fail(err, DF_ERROR_INPUT, "%s: its grid is mirrored or flat along %c", path, "xyz"[a]);
         size[a] = m(a, a);
         origin[a] = m(3, a);
     }
     return DF_OK;
 }
 
-// The box of a grid's samples: that of the field it was written from, where the active voxels still lie in it, or theirs.
+// The box of a grid's samples: that of the field it was written from, where the active voxels still lie in it, or
+// theirs.
 df_status find_box(const FloatGrid &grid, const char *path, Coord &first, uint32_t voxel_count[3], df_error *err) {
     openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
-    if (box.empty()) return df_fail(err, DF_ERROR_INPUT, "%s: grid %s has no active voxel", path, quoted(grid.getName()).c_str());
+    if (box.empty())
+        return df_fail(err, DF_ERROR_INPUT, "%s: grid %s has no active voxel", path, quoted(grid.getName()).c_str());
     const auto ours = grid.getMetadata<openvdb::Vec3IMetadata>(box_key);
-    if (ours && openvdb::CoordBBox(Coord(0), Coord(ours->value())).isInside(box)) box = {Coord(0), Coord(ours->value())};
+    if (ours && openvdb::CoordBBox(Coord(0), Coord(ours->value())).isInside(box))
+        box = {Coord(0), Coord(ours->value())};
     first = box.min();
     for (int a = 0; a < 3; a++) {
         const int64_t count = int64_t(box.max()[a]) - box.min()[a];
         if (count < 1 || count > DF_VOXEL_COUNT_MAX) {
-            return df_fail(err, DF_ERROR_INPUT, "%s: %lld voxels along %c (1 to %u are possible)", path, (long long)count, "xyz"[a], DF_VOXEL_COUNT_MAX);
+            return df_fail(err, DF_ERROR_INPUT, "%s: %lld voxels along %c (1 to %u are possible)", path,
+                           (long long)count, "xyz"[a], DF_VOXEL_COUNT_MAX);
         }
         voxel_count[a] = uint32_t(count);
     }
     return DF_OK;
 }
 
-// Marks the coarse cells within two voxels of a leaf: all that can hold a change of sign, or a stencil that reaches one.
+// Marks the coarse cells within two voxels of a leaf: all that can hold a change of sign, or a stencil that reaches
+// one.
 void mark_cells(df_vdb &vdb) {
     const df_lattice &l = vdb.lattice;
     vdb.near.assign(df_lattice_cell_total(&l), 0);
@@ -159,7 +178,9 @@ void fill(const void *user, const df_lattice *, const df_sample_box *box, float 
     for (uint32_t k = 0; k < box->count[2]; k++) {
         for (uint32_t j = 0; j < box->count[1]; j++) {
             for (uint32_t i = 0; i < box->count[0]; i++) {
-                *out++ = accessor.getValue(vdb->first.offsetBy(int(box->first[0] + i), int(box->first[1] + j), int(box->first[2] + k))) + 0.0f;
+                *out++ = accessor.getValue(vdb->first.offsetBy(int(box->first[0] + i), int(box->first[1] + j),
+                                                               int(box->first[2] + k))) +
+                         0.0f;
             }
         }
     }
@@ -167,7 +188,8 @@ void fill(const void *user, const df_lattice *, const df_sample_box *box, float 
 
 } // namespace
 
-df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, df_vdb **out, df_vdb_info *info, df_error *err) {
+df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, df_vdb **out, df_vdb_info *info,
+                      df_error *err) {
     *out = nullptr;
     *info = df_vdb_info{};
     auto vdb = std::unique_ptr<df_vdb>();
@@ -200,7 +222,9 @@ df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, d
             l.origin[a] = index_origin[a] + vdb->first[a] * info->voxel_size[a];
             l.cell_count[a] = (l.voxel_count[a] + brick_size - 1) / brick_size;
         }
-        if (!(vdb->grid->background() > 0)) return df_fail(err, DF_ERROR_INPUT, "%s: its background %g is not outside", path, double(vdb->grid->background()));
+        if (!(vdb->grid->background() > 0))
+            return df_fail(err, DF_ERROR_INPUT, "%s: its background %g is not outside", path,
+                           double(vdb->grid->background()));
         mark_cells(*vdb);
         vdb->name = vdb->grid->getName();
         info->grid = vdb->name.c_str();
@@ -246,16 +270,19 @@ namespace {
 
 // Archive can write to any stream that it may seek in; only its files and streams are public.
 class archive : public openvdb::io::Archive {
-public:
+  public:
     Ptr copy() const override { return std::make_shared<archive>(*this); }
-    void write_grids(std::ostream &stream, const openvdb::GridCPtrVec &grids) const { Archive::write(stream, grids, true); }
+    void write_grids(std::ostream &stream, const openvdb::GridCPtrVec &grids) const {
+        Archive::write(stream, grids, true);
+    }
 };
 
 struct block_reader {
     const df_field *field;
     float background;
 
-    // True where a block of 8^3 samples may hold one that is stored. A sample on a face of cells lies in the lower cells as well.
+    // True where a block of 8^3 samples may hold one that is stored. A sample on a face of cells lies in the lower
+    // cells as well.
     bool may_be_stored(const uint32_t first[3]) const {
         if (field->kind == DF_FIELD_DENSE) return true;
         const uint32_t k = field->brick_size;
@@ -267,7 +294,9 @@ struct block_reader {
         for (uint32_t z = low[2]; z <= high[2]; z++) {
             for (uint32_t y = low[1]; y <= high[1]; y++) {
                 for (uint32_t x = low[0]; x <= high[0]; x++) {
-                    if (field->cells[x + field->cell_count[0] * (y + size_t(field->cell_count[1]) * z)] < DF_CELL_INSIDE) return true;
+                    if (field->cells[x + field->cell_count[0] * (y + size_t(field->cell_count[1]) * z)] <
+                        DF_CELL_INSIDE)
+                        return true;
                 }
             }
         }
@@ -320,7 +349,8 @@ FloatGrid::Ptr make_grid(const df_field *field, float background) {
     return grid;
 }
 
-// Where the band ends, in world units. Where none is asked for: OpenVDB's usual 3 voxels of a dense field; of bricks just beyond the largest sample.
+// Where the band ends, in world units. Where none is asked for: OpenVDB's usual 3 voxels of a dense field; of bricks
+// just beyond the largest sample.
 float background_of(const df_field *field, double band) {
     const double voxel = std::min({field->voxel_size[0], field->voxel_size[1], field->voxel_size[2]});
     if (band > 0 || field->kind == DF_FIELD_DENSE) return float((band > 0 ? band : 3) * voxel);
@@ -332,7 +362,8 @@ df_status write_stream(std::stringbuf &buffer, const char *path, df_error *err) 
     df_status status = df_output_open(&output, path, err);
     if (status != DF_OK) return status;
     std::vector<char> chunk(1 << 20);
-    for (std::streamsize size; status == DF_OK && (size = buffer.sgetn(chunk.data(), std::streamsize(chunk.size()))) > 0;) {
+    for (std::streamsize size;
+         status == DF_OK && (size = buffer.sgetn(chunk.data(), std::streamsize(chunk.size()))) > 0;) {
         status = df_output_write(&output, chunk.data(), size_t(size), err);
     }
     if (status == DF_OK) return df_output_commit(&output, err);
@@ -348,14 +379,17 @@ df_status df_vdb_write(const df_field *field, double band, const char *path, df_
         auto grid = make_grid(field, background_of(field, band));
         auto transform = openvdb::math::Transform::createLinearTransform(1);
         const double *size = field->voxel_size;
-        if (size[0] == size[1] && size[0] == size[2]) transform = openvdb::math::Transform::createLinearTransform(size[0]);
+        if (size[0] == size[1] && size[0] == size[2])
+            transform = openvdb::math::Transform::createLinearTransform(size[0]);
         else transform->postScale(openvdb::Vec3d(size[0], size[1], size[2]));
         transform->postTranslate(openvdb::Vec3d(field->origin[0], field->origin[1], field->origin[2]));
         grid->setTransform(transform);
         grid->setGridClass(openvdb::GRID_LEVEL_SET);
         grid->setName("surface");
         grid->setCreator("distfield df-convert");
-        grid->insertMeta(box_key, openvdb::Vec3IMetadata(openvdb::Vec3i(int(field->voxel_count[0]), int(field->voxel_count[1]), int(field->voxel_count[2]))));
+        grid->insertMeta(box_key,
+                         openvdb::Vec3IMetadata(openvdb::Vec3i(int(field->voxel_count[0]), int(field->voxel_count[1]),
+                                                               int(field->voxel_count[2]))));
         grid->insertMeta("distfield_provenance", openvdb::StringMetadata(field->provenance ? field->provenance : "{}"));
         std::stringbuf buffer(std::ios::in | std::ios::out | std::ios::binary);
         std::ostream stream(&buffer);

@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The range of lattice indices with coordinates in [low, high], one wider on both sides against rounding; false when empty. */
+/* The range of lattice indices with coordinates in [low, high], one wider on both sides against rounding; false when
+ * empty. */
 static int index_range(const df_lattice *lattice, int axis, double low, double high, uint32_t *first, uint32_t *last) {
     double f = ceil((low - lattice->origin[axis]) / lattice->voxel_size - 1e-3);
     double l = floor((high - lattice->origin[axis]) / lattice->voxel_size + 1e-3);
@@ -33,8 +34,9 @@ typedef struct point {
     double y, z;
 } point;
 
-/* The exact sign of the determinant |a b|, seen from a row moved by an infinitesimal (e, e^2): 0 only where a and b coincide. The
- * comparison of the rounded products is exact where they differ, since rounding is monotone; where they are equal, their errors decide. */
+/* The exact sign of the determinant |a b|, seen from a row moved by an infinitesimal (e, e^2): 0 only where a and b
+ * coincide. The comparison of the rounded products is exact where they differ, since rounding is monotone; where they
+ * are equal, their errors decide. */
 static int orientation(point a, point b) {
     double p = a.y * b.z, q = a.z * b.y;
     if (p != q) return p > q ? 1 : -1;
@@ -44,7 +46,8 @@ static int orientation(point a, point b) {
     return (b.y > a.y) - (b.y < a.y);
 }
 
-/* If the row at (0, 0) crosses the triangle, stores where in *x and returns the change of the winding number, otherwise 0. */
+/* If the row at (0, 0) crosses the triangle, stores where in *x and returns the change of the winding number, otherwise
+ * 0. */
 static int cross_face(const point p[3], const double x_corner[3], double *x) {
     int s0 = orientation(p[1], p[2]), s1 = orientation(p[2], p[0]), s2 = orientation(p[0], p[1]);
     if (s0 == 0 || s0 != s1 || s0 != s2) return 0;
@@ -77,7 +80,8 @@ static df_status grow(df_winding_slab *slab, df_error *err) {
     if (rows) slab->rows = rows;
     df_crossing *crossings = realloc(slab->unsorted, capacity * sizeof *crossings);
     if (crossings) slab->unsorted = crossings;
-    if (!rows || !crossings || capacity > UINT32_MAX) return df_fail(err, DF_ERROR_MEMORY, "winding numbers: out of memory");
+    if (!rows || !crossings || capacity > UINT32_MAX)
+        return df_fail(err, DF_ERROR_MEMORY, "winding numbers: out of memory");
     slab->capacity = capacity;
     return DF_OK;
 }
@@ -131,14 +135,18 @@ static df_status sort_crossings(df_winding_slab *slab, uint32_t count, df_error 
     free(slab->starts);
     free(slab->crossings);
     slab->crossings = NULL;
-    df_status status = df_alloc((void **)&slab->starts, (uint64_t)row_count + 2, sizeof *slab->starts, "winding numbers", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&slab->crossings, count, sizeof *slab->crossings, "winding numbers", err);
+    df_status status =
+        df_alloc((void **)&slab->starts, (uint64_t)row_count + 2, sizeof *slab->starts, "winding numbers", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&slab->crossings, count, sizeof *slab->crossings, "winding numbers", err);
     if (status != DF_OK) return status;
-    uint32_t *at = slab->starts + 1; /* at[row] runs from the start of the row to its end, which is the start of the next */
+    uint32_t *at =
+        slab->starts + 1; /* at[row] runs from the start of the row to its end, which is the start of the next */
     for (uint32_t i = 0; i < count; i++) at[slab->rows[i] + 1]++;
     for (uint32_t r = 0; r < row_count; r++) at[r + 1] += at[r];
     for (uint32_t i = 0; i < count; i++) slab->crossings[at[slab->rows[i]]++] = slab->unsorted[i];
-    for (uint32_t r = 0; r < row_count; r++) sort_row(slab->crossings + slab->starts[r], slab->starts[r + 1] - slab->starts[r]);
+    for (uint32_t r = 0; r < row_count; r++)
+        sort_row(slab->crossings + slab->starts[r], slab->starts[r + 1] - slab->starts[r]);
     return DF_OK;
 }
 
@@ -164,7 +172,8 @@ void df_winding_slab_free(df_winding_slab *slab) {
     *slab = (df_winding_slab){0};
 }
 
-void df_winding_row(const df_winding_slab *slab, uint32_t y, uint32_t z, uint32_t x_first, uint32_t x_count, int32_t *winding) {
+void df_winding_row(const df_winding_slab *slab, uint32_t y, uint32_t z, uint32_t x_first, uint32_t x_count,
+                    int32_t *winding) {
     assert(y < slab->y_count && z >= slab->z_first && z - slab->z_first < slab->z_count);
     uint32_t row = y + slab->y_count * (z - slab->z_first);
     const df_crossing *at = slab->crossings + slab->starts[row], *end = slab->crossings + slab->starts[row + 1];
@@ -189,16 +198,19 @@ bool df_winding_has_negative(const df_winding_slab *slab) {
         int32_t sum = 0;
         for (uint32_t i = slab->starts[row]; i < slab->starts[row + 1]; i++) {
             sum += slab->crossings[i].change;
-            bool last_here = i + 1 == slab->starts[row + 1] || slab->crossings[i + 1].sample != slab->crossings[i].sample;
+            bool last_here =
+                i + 1 == slab->starts[row + 1] || slab->crossings[i + 1].sample != slab->crossings[i].sample;
             if (sum < 0 && last_here) return true;
         }
     }
     return false;
 }
 
-df_status df_face_slabs_make(const df_mesh *mesh, const df_lattice *lattice, uint32_t z_step, df_face_slabs *slabs, df_error *err) {
+df_status df_face_slabs_make(const df_mesh *mesh, const df_lattice *lattice, uint32_t z_step, df_face_slabs *slabs,
+                             df_error *err) {
     *slabs = (df_face_slabs){.slab_count = lattice->voxel_count[2] / z_step + 1};
-    df_status status = df_alloc((void **)&slabs->starts, (uint64_t)slabs->slab_count + 2, sizeof *slabs->starts, "mesh", err);
+    df_status status =
+        df_alloc((void **)&slabs->starts, (uint64_t)slabs->slab_count + 2, sizeof *slabs->starts, "mesh", err);
     uint32_t *at = slabs->starts + 1;
     for (int pass = 0; pass < 2 && status == DF_OK; pass++) {
         for (uint32_t f = 0; f < mesh->face_count; f++) {

@@ -26,7 +26,8 @@ static void add(df_frame_stats *sum, const df_frame_stats *frame) {
     sum->shade_ms += frame->shade_ms;
 }
 
-static df_status frame_view(const df_settings *settings, const df_field *field, double azimuth, df_view *view, df_error *err) {
+static df_status frame_view(const df_settings *settings, const df_field *field, double azimuth, df_view *view,
+                            df_error *err) {
     df_settings turned = *settings;
     df_camera camera;
     turned.orbit[0] += azimuth;
@@ -98,15 +99,39 @@ static void put_text(FILE *out, const char *text) {
 
 /* Columns of the report that are figures of one frame: the bench prints means over frames instead. */
 static const char *const columns[] = {
-    "field", "structure", "samples", "tracer", "intersect", "gradient", "isa", "threads", "device", "width", "height", "tile",
-    "rays_cast", "rays_entering", "rays_hitting", "coarse_steps_per_ray", "fine_steps_per_ray", "cells_tested_per_ray",
-    "mean_active_lanes", "precompute_ms", "precompute_bytes", "phase_begin_ms", "phase_rays_ms", "phase_trace_ms", "phase_shade_ms"};
+    "field",
+    "structure",
+    "samples",
+    "tracer",
+    "intersect",
+    "gradient",
+    "isa",
+    "threads",
+    "device",
+    "width",
+    "height",
+    "tile",
+    "rays_cast",
+    "rays_entering",
+    "rays_hitting",
+    "coarse_steps_per_ray",
+    "fine_steps_per_ray",
+    "cells_tested_per_ray",
+    "mean_active_lanes",
+    "precompute_ms",
+    "precompute_bytes",
+    "phase_begin_ms",
+    "phase_rays_ms",
+    "phase_trace_ms",
+    "phase_shade_ms",
+};
 enum { COLUMN_COUNT = sizeof columns / sizeof columns[0] };
 
 void df_bench_print_header(FILE *out) {
     for (int i = 0; i < COLUMN_COUNT; i++) fprintf(out, "%s,", columns[i]);
-    fprintf(out, "frames,repeats,frame_ms_min,frame_ms_median,frame_ms_max,ns_per_ray_min,ns_per_ray_median,mrays_per_s,"
-                 "ns_per_hitting_ray,model_bytes,machine,compiler,flags,commit,command\n");
+    fprintf(out,
+            "frames,repeats,frame_ms_min,frame_ms_median,frame_ms_max,ns_per_ray_min,ns_per_ray_median,mrays_per_s,"
+            "ns_per_hitting_ray,model_bytes,machine,compiler,flags,commit,command\n");
 }
 
 df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *report, df_error *err) {
@@ -128,13 +153,15 @@ df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *repo
     }
     json_decref(json);
     const df_field *field = report->scene->field;
-    const double rays = (double)bench->stats.rays_cast / bench->frames, hits = (double)bench->stats.rays_hitting / bench->frames;
+    const double rays = (double)bench->stats.rays_cast / bench->frames,
+                 hits = (double)bench->stats.rays_hitting / bench->frames;
     const double least = bench->repeat_ms[0], most = bench->repeat_ms[bench->repeats - 1];
     const double median = 0.5 * (bench->repeat_ms[(bench->repeats - 1) / 2] + bench->repeat_ms[bench->repeats / 2]);
     const uint64_t model = field->sample_count * df_sample_size(field->sample_type) + report->precompute_bytes;
     machine_name(machine, sizeof machine);
-    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",", bench->frames, bench->repeats, least, median, most,
-            least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3, hits > 0 ? median * 1e6 / hits : 0.0, model);
+    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",", bench->frames, bench->repeats, least, median,
+            most, least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3, hits > 0 ? median * 1e6 / hits : 0.0,
+            model);
     put_text(out, machine);
     fputc(',', out);
     put_text(out, "gcc " __VERSION__);

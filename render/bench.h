@@ -9,8 +9,8 @@
 typedef struct df_bench {
     uint32_t frames, repeats;
     const char *command;
-    double *repeat_ms;     /* by repeat: the mean time of its frames; sorted when done */
-    df_frame_stats stats;  /* summed over the frames of the last repeat */
+    double *repeat_ms;    /* by repeat: the mean time of its frames; sorted when done */
+    df_frame_stats stats; /* summed over the frames of the last repeat */
 } df_bench;
 
 /* Renders frames * repeats pictures on open devices; the first azimuth, the elevation and the distance are those of the

@@ -50,11 +50,14 @@ static df_status parse_one(const char *text, df_device_choice *choice, df_error 
         df_status status = df_parse_u32("--device opencl", text + 7, 0, 1000, &number, err);
         if (status != DF_OK) return status;
     } else if (strcmp(text, "opencl") != 0) {
-        return df_fail(err, DF_ERROR_USAGE, "--device %s: expected cpu, opencl, opencl:N, both or auto, or several with commas", text);
+        return df_fail(err, DF_ERROR_USAGE,
+                       "--device %s: expected cpu, opencl, opencl:N, both or auto, or several with commas", text);
     }
-    if (choice->count == DF_DEVICE_MAX) return df_fail(err, DF_ERROR_USAGE, "--device: at most %u devices", DF_DEVICE_MAX);
+    if (choice->count == DF_DEVICE_MAX)
+        return df_fail(err, DF_ERROR_USAGE, "--device: at most %u devices", DF_DEVICE_MAX);
     for (uint32_t i = 0; i < choice->count; i++) {
-        if (number == DF_DEVICE_CPU && choice->numbers[i] == number) return df_fail(err, DF_ERROR_USAGE, "--device: the CPU is named twice");
+        if (number == DF_DEVICE_CPU && choice->numbers[i] == number)
+            return df_fail(err, DF_ERROR_USAGE, "--device: the CPU is named twice");
     }
     choice->numbers[choice->count++] = number;
     return DF_OK;
@@ -80,7 +83,8 @@ df_status df_devices_parse(const char *text, df_device_choice *choice, df_error 
 
 static df_status open_cpu(df_devices *d, device_part *part, df_error *err) {
     if (d->frame.tracer->whole_frame && d->options.choice.count > 1) {
-        return df_fail(err, DF_ERROR_USAGE, "--tracer %s makes whole pictures: it cannot share one with another device", d->frame.tracer->name);
+        return df_fail(err, DF_ERROR_USAGE, "--tracer %s makes whole pictures: it cannot share one with another device",
+                       d->frame.tracer->name);
     }
     snprintf(part->name, sizeof part->name, "cpu");
     part->number = DF_DEVICE_CPU;
@@ -95,7 +99,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     if (d->scene->levels && d->options.tracer_given && d->frame.tracer != &df_tracer_dda && d->part_count == 1) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda", d->frame.tracer->name);
     }
-    df_status status = df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
+    df_status status =
+        df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
     if (status != DF_OK) return status;
     const df_opencl_options options = {.tracer = d->options.tracer,
                                        .solve = d->frame.solve,
@@ -111,7 +116,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
 /* Lets the CPU make the pictures from here on, and says so. */
 static df_status take_over(df_devices *d, const df_error *reason, df_error *err) {
     device_part *part = &d->parts[0];
-    if (d->options.messages) fprintf(d->options.messages, "%s: %s: the CPU takes over\n", d->options.program, reason->text);
+    if (d->options.messages)
+        fprintf(d->options.messages, "%s: %s: the CPU takes over\n", d->options.program, reason->text);
     df_opencl_renderer_close(part->opencl);
     memset(part, 0, sizeof *part);
     d->options.choice.automatic = false;
@@ -128,8 +134,8 @@ void df_devices_close(df_devices *d) {
     free(d);
 }
 
-df_status df_devices_open(const df_devices_options *options, const df_scene *scene, const df_frame_options *frame, uint32_t width,
-                          uint32_t height, df_devices **out, df_error *err) {
+df_status df_devices_open(const df_devices_options *options, const df_scene *scene, const df_frame_options *frame,
+                          uint32_t width, uint32_t height, df_devices **out, df_error *err) {
     df_devices *d;
     *out = NULL;
     df_status status = df_alloc((void **)&d, 1, sizeof *d, "devices", err);
@@ -195,9 +201,11 @@ static void *run_part(void *opaque) {
     memset(&part->stats, 0, sizeof part->stats);
     memset(&part->times, 0, sizeof part->times);
     if (part->cpu) {
-        part->status = df_renderer_rows(part->cpu, part->view, part->first_row, part->row_count, part->picture, &part->stats, &part->error);
+        part->status = df_renderer_rows(part->cpu, part->view, part->first_row, part->row_count, part->picture,
+                                        &part->stats, &part->error);
     } else {
-        part->status = df_opencl_renderer_rows(part->opencl, part->view, part->first_row, part->row_count, part->picture, &part->times, &part->error);
+        part->status = df_opencl_renderer_rows(part->opencl, part->view, part->first_row, part->row_count,
+                                               part->picture, &part->times, &part->error);
         part->stats.trace_ms = part->times.trace_ms;
         part->stats.shade_ms = part->times.shade_ms;
     }
@@ -225,7 +233,8 @@ static df_status run_parts(df_devices *d, df_error *err) {
     return DF_OK;
 }
 
-df_status df_devices_frame(df_devices *d, const df_view *view, const df_picture *picture, df_frame_stats *stats, df_error *err) {
+df_status df_devices_frame(df_devices *d, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                           df_error *err) {
     const double start = df_now_ms();
     uint32_t rows[DF_DEVICE_MAX], first = 0;
     double ms[DF_DEVICE_MAX];
@@ -259,7 +268,8 @@ df_status df_devices_frame(df_devices *d, const df_view *view, const df_picture 
 
 df_status df_devices_count(df_devices *d, const df_view *view, df_frame_stats *stats, df_error *err) {
     for (uint32_t i = 0; i < d->part_count; i++) {
-        if (d->parts[i].opencl) return df_opencl_renderer_count(d->parts[i].opencl, view, &stats->rays_hitting, &stats->counters, err);
+        if (d->parts[i].opencl)
+            return df_opencl_renderer_count(d->parts[i].opencl, view, &stats->rays_hitting, &stats->counters, err);
     }
     return DF_OK; /* the CPU counts as it goes */
 }

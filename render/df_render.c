@@ -41,13 +41,32 @@ typedef struct options {
 } options;
 
 enum { KEY_SETTING = 0x1000 }; /* options of df_settings_set get keys from here on */
-enum { KEY_MAP = 0x2000, KEY_FROM, KEY_DEPTH, KEY_NORMALS, KEY_STATS, KEY_JSON, KEY_TILE, KEY_DEVICE, KEY_LIST_DEVICES, KEY_WORK_GROUP, KEY_KERNEL, KEY_GRADIENT_IMAGE,
-       KEY_THREADS, KEY_ISA, KEY_BENCH, KEY_REPEATS, KEY_MESH, KEY_MESH_TOPOLOGY };
+enum {
+    KEY_MAP = 0x2000,
+    KEY_FROM,
+    KEY_DEPTH,
+    KEY_NORMALS,
+    KEY_STATS,
+    KEY_JSON,
+    KEY_TILE,
+    KEY_DEVICE,
+    KEY_LIST_DEVICES,
+    KEY_WORK_GROUP,
+    KEY_KERNEL,
+    KEY_GRADIENT_IMAGE,
+    KEY_THREADS,
+    KEY_ISA,
+    KEY_BENCH,
+    KEY_REPEATS,
+    KEY_MESH,
+    KEY_MESH_TOPOLOGY
+};
 
 static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Camera (world units)", 1},
     {"orbit", KEY_SETTING, "AZ,EL,DIST", 0,
-     "Eye on a sphere about the field's centre: azimuth and elevation in degrees, distance in multiples of the longest side "
+     "Eye on a sphere about the field's centre: azimuth and elevation in degrees, distance in multiples of the longest "
+     "side "
      "(default 30,20,1.6); +y is up",
      0},
     {"eye", KEY_SETTING + 1, "X,Y,Z", 0, "Position of the eye", 0},
@@ -57,50 +76,70 @@ static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Picture", 2},
     {"output", 'o', "FILE", 0, "The picture, a PNG (default: the field's name with .png, here)", 0},
     {"size", KEY_SETTING + 5, "WxH", 0, "Pixels (default 1280x1024)", 0},
-    {"depth", KEY_DEPTH, "FILE", 0, "Also write distances from the eye, world units, infinite where nothing is hit: .exr or .pfm", 0},
-    {"normals", KEY_NORMALS, "FILE", 0, "Also write unit normals in world space, 0 where nothing is hit: .exr or .pfm", 0},
+    {"depth", KEY_DEPTH, "FILE", 0,
+     "Also write distances from the eye, world units, infinite where nothing is hit: .exr or .pfm", 0},
+    {"normals", KEY_NORMALS, "FILE", 0, "Also write unit normals in world space, 0 where nothing is hit: .exr or .pfm",
+     0},
     {"from", KEY_FROM, "PICTURE", 0,
-     "Render a picture of df-render again, from the settings inside it, and say whether it is equal (exit 1 if not). The field "
+     "Render a picture of df-render again, from the settings inside it, and say whether it is equal (exit 1 if not). "
+     "The field "
      "is the one named inside unless FIELD is given; with -o the new picture is written as well",
      0},
     {"export-mesh", KEY_MESH, "FILE", 0,
-     "Write the surface as triangles, by marching cubes: .ply (binary), .obj or .stl. No picture is made then unless -o asks for one", 0},
+     "Write the surface as triangles, by marching cubes: .ply (binary), .obj or .stl. No picture is made then unless "
+     "-o asks for one",
+     0},
     {"mesh-topology", KEY_MESH_TOPOLOGY, "NAME", 0,
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
-    {"tracer", KEY_SETTING + 7, "NAME", 0, "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
-     "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); default "
-     "auto: the fastest that suits the field and the view", 0},
+    {"tracer", KEY_SETTING + 7, "NAME", 0,
+     "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD "
+     "lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
+     "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "
+     "default "
+     "auto: the fastest that suits the field and the view",
+     0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,
      "How a ray is solved in a voxel: midpoint, linear, repeated, marmitt, analytic, robust (default robust)", 0},
-    {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)", 0},
+    {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)",
+     0},
     {"gradient", KEY_SETTING + 10, "NAME", 0,
-     "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward (default corner-central)", 0},
+     "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward (default "
+     "corner-central)",
+     0},
     {"quality", KEY_SETTING + 13, "NAME", 0,
-     "full: as the options above say (default); auto: as many steps and such a gradient as can be seen, by the field's own error and the "
-     "size of a pixel on it; --verbose tells what and why", 0},
+     "full: as the options above say (default); auto: as many steps and such a gradient as can be seen, by the field's "
+     "own error and the "
+     "size of a pixel on it; --verbose tells what and why",
+     0},
     {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
     {"packet", KEY_SETTING + 14, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
-    {"clip", KEY_SETTING + 15, "on|off", 0, "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
+    {"clip", KEY_SETTING + 15, "on|off", 0,
+     "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},
     {"device", KEY_DEVICE, "NAME", 0,
-     "What renders: cpu (default), opencl (its first GPU, else its first device), opencl:N, both (cpu,opencl), several with commas, each a part of the "
+     "What renders: cpu (default), opencl (its first GPU, else its first device), opencl:N, both (cpu,opencl), several "
+     "with commas, each a part of the "
      "picture, or auto: a GPU where there is one, else the CPU. The picture is the same",
      0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
-    {"kernel", KEY_KERNEL, "NAME", 0, "How OpenCL devices find hits: dda, each ray alone (default), or cgt, work groups as packets", 0},
-    {"gradient-image", KEY_GRADIENT_IMAGE, 0, 0, "OpenCL devices read samples for gradients from a 3D image (dense fields)", 0},
+    {"kernel", KEY_KERNEL, "NAME", 0,
+     "How OpenCL devices find hits: dda, each ray alone (default), or cgt, work groups as packets", 0},
+    {"gradient-image", KEY_GRADIENT_IMAGE, 0, 0,
+     "OpenCL devices read samples for gradients from a 3D image (dense fields)", 0},
     {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
-    {"isa", KEY_ISA, "NAME", 0, "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
+    {"isa", KEY_ISA, "NAME", 0,
+     "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
     {"map", KEY_MAP, 0, 0, "Use the field's samples in place in the mapped file", 0},
     {"stats", KEY_STATS, 0, 0, "Print what ran, the counts of rays and steps, and times", 0},
     {"json", KEY_JSON, 0, 0, "The same as one JSON object", 0},
     {"bench", KEY_BENCH, "FRAMES", OPTION_ARG_OPTIONAL,
-     "Render FRAMES pictures (36) turning around the field, elevation 0 unless --orbit says otherwise, and print one line of CSV "
+     "Render FRAMES pictures (36) turning around the field, elevation 0 unless --orbit says otherwise, and print one "
+     "line of CSV "
      "with times; writes no picture",
      0},
     {"repeats", KEY_REPEATS, "N", 0, "Repeats of the bench (default 5)", 0},
@@ -149,12 +188,17 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     }
     case KEY_GRADIENT_IMAGE: opts->devices.images = true; return 0;
     case KEY_WORK_GROUP:
-        check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err), &err);
+        check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err),
+              &err);
         return 0;
     case KEY_TILE: check(state, df_parse_u32("--tile", argument, 1, 4096, &opts->tile, &err), &err); return 0;
     case KEY_THREADS: check(state, df_parse_u32("--threads", argument, 1, 1024, &opts->threads, &err), &err); return 0;
-    case KEY_REPEATS: check(state, df_parse_u32("--repeats", argument, 1, 10000, &opts->bench_repeats, &err), &err); return 0;
-    case KEY_BENCH: check(state, df_parse_u32("--bench", argument ? argument : "36", 1, 3600, &opts->bench_frames, &err), &err); return 0;
+    case KEY_REPEATS:
+        check(state, df_parse_u32("--repeats", argument, 1, 10000, &opts->bench_repeats, &err), &err);
+        return 0;
+    case KEY_BENCH:
+        check(state, df_parse_u32("--bench", argument ? argument : "36", 1, 3600, &opts->bench_frames, &err), &err);
+        return 0;
     case KEY_ISA: opts->isa = argument; return 0;
     case ARGP_KEY_ARG:
         if (opts->field_path) argp_error(state, "one field at a time: '%s' is too much", argument);
@@ -163,7 +207,9 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case ARGP_KEY_END:
         if (!opts->field_path && !opts->from_path && !opts->list_devices) argp_usage(state);
         if (opts->from_path && opts->settings_given) {
-            argp_error(state, "--from takes camera, size and methods from the picture: it cannot go with options that set them");
+            argp_error(
+                state,
+                "--from takes camera, size and methods from the picture: it cannot go with options that set them");
         }
         if (opts->bench_frames && (opts->from_path || opts->output_path || opts->depth_path || opts->normals_path)) {
             argp_error(state, "--bench writes no picture: it cannot go with --from, --output, --depth or --normals");
@@ -227,9 +273,11 @@ static df_status check_outputs(options *opts, session *s, df_error *err) {
 static df_status read_original(options *opts, session *s, df_error *err) {
     df_status status = df_image_read_png(opts->from_path, &s->original, err);
     if (status != DF_OK) return status;
-    const char *text = df_image_png_text(&s->original, TEXT_SETTINGS), *field = df_image_png_text(&s->original, TEXT_FIELD);
+    const char *text = df_image_png_text(&s->original, TEXT_SETTINGS),
+               *field = df_image_png_text(&s->original, TEXT_FIELD);
     if (!text || !field || !df_image_png_text(&s->original, TEXT_CHECKSUM)) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: not a picture of df-render (it has no settings inside)", opts->from_path);
+        return df_fail(err, DF_ERROR_INPUT, "%s: not a picture of df-render (it has no settings inside)",
+                       opts->from_path);
     }
     if (!opts->field_path) opts->field_path = field;
     return df_settings_parse(&opts->settings, text, opts->from_path, err);
@@ -249,8 +297,8 @@ static df_status read_field(const options *opts, session *s, df_error *err) {
         char checksum[16];
         snprintf(checksum, sizeof checksum, "%08" PRIx32, s->field.checksum);
         if (strcmp(checksum, expected) != 0) {
-            return df_fail(err, DF_ERROR_INPUT, "%s: checksum %s, but %s was made from a field with %s", opts->field_path,
-                           checksum, opts->from_path, expected);
+            return df_fail(err, DF_ERROR_INPUT, "%s: checksum %s, but %s was made from a field with %s",
+                           opts->field_path, checksum, opts->from_path, expected);
         }
     }
     return DF_OK;
@@ -261,7 +309,8 @@ static df_status alloc_picture(const options *opts, df_picture *picture, df_erro
     picture->width = opts->settings.width;
     picture->height = opts->settings.height;
     df_status status = df_alloc((void **)&picture->rgb, pixels * 3, 1, "picture", err);
-    if (status == DF_OK && opts->depth_path) status = df_alloc((void **)&picture->depth, pixels, sizeof(float), "depth", err);
+    if (status == DF_OK && opts->depth_path)
+        status = df_alloc((void **)&picture->depth, pixels, sizeof(float), "depth", err);
     if (status == DF_OK && opts->normals_path) {
         status = df_alloc((void **)&picture->normals, pixels * 3, sizeof(float), "normals", err);
     }
@@ -302,12 +351,14 @@ static df_status compare_original(const options *opts, const session *s, df_erro
     const df_image_png *original = &s->original;
     const df_picture *picture = &s->picture;
     if (original->width != picture->width || original->height != picture->height) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: %ux%u pixels, but its settings say %ux%u", opts->from_path, original->width,
-                       original->height, picture->width, picture->height);
+        return df_fail(err, DF_ERROR_INPUT, "%s: %ux%u pixels, but its settings say %ux%u", opts->from_path,
+                       original->width, original->height, picture->width, picture->height);
     }
     uint64_t pixels = (uint64_t)picture->width * picture->height, different = 0;
     for (uint64_t i = 0; i < pixels; i++) different += memcmp(original->rgb + 3 * i, picture->rgb + 3 * i, 3) != 0;
-    if (different) return df_fail(err, DF_ERROR_INPUT, "%s: %" PRIu64 " of %" PRIu64 " pixels differ", opts->from_path, different, pixels);
+    if (different)
+        return df_fail(err, DF_ERROR_INPUT, "%s: %" PRIu64 " of %" PRIu64 " pixels differ", opts->from_path, different,
+                       pixels);
     printf("%s: equal\n", opts->from_path);
     return DF_OK;
 }
@@ -352,10 +403,12 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     const df_tracer *tracer = settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view);
     opts->devices.tracer_given = settings->tracer != NULL;
-    const df_frame_options frame = {tracer, settings->solve, settings->steps, settings->gradient, opts->tile, opts->threads,
-                                    opts->kernels, settings->packet, settings->no_clip};
+    const df_frame_options frame = {tracer,        settings->solve, settings->steps,  settings->gradient, opts->tile,
+                                    opts->threads, opts->kernels,   settings->packet, settings->no_clip};
     status = alloc_picture(opts, &s->picture, err);
-    if (status == DF_OK) status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
+    if (status == DF_OK)
+        status =
+            df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
     if (status != DF_OK) return status;
     s->report.tracer = tracer;
     s->report.devices = s->devices;
@@ -431,8 +484,13 @@ static df_status run(options *opts, session *s, df_error *err) {
 }
 
 int main(int argc, char **argv) {
-    static const struct argp argp = {option_table, on_option, "FIELD\n--from PICTURE [FIELD]",
-                                     "Ray traces the surface of a signed distance field (.dfield, made by df-convert).", 0, 0, 0};
+    static const struct argp argp = {option_table,
+                                     on_option,
+                                     "FIELD\n--from PICTURE [FIELD]",
+                                     "Ray traces the surface of a signed distance field (.dfield, made by df-convert).",
+                                     0,
+                                     0,
+                                     0};
     static char version[256];
     snprintf(version, sizeof version, "df-render " DF_VERSION "\ntracers:");
     for (int list = 0; list < 2; list++) {
@@ -443,7 +501,10 @@ int main(int argc, char **argv) {
     argp_program_version = version;
     argp_err_exit_status = 2;
     df_interrupt_install("df-render");
-    options opts = {.threads = (uint32_t)omp_get_num_procs(), .tile = 64, .isa = "auto", .bench_repeats = 5,
+    options opts = {.threads = (uint32_t)omp_get_num_procs(),
+                    .tile = 64,
+                    .isa = "auto",
+                    .bench_repeats = 5,
                     .devices = {.choice = {.count = 1, .numbers = {DF_DEVICE_CPU}}, .program = "df-render"}};
     session s = {0};
     df_error err = {0};

@@ -75,14 +75,16 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     renderer->tile_height = whole || options->tile > height ? height : options->tile;
     df_shade_table(renderer->shade_table);
     uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
-    const df_trace_options trace = {renderer->options.kernels, options->solve, options->steps, options->threads, renderer->tile_width,
-                                   renderer->tile_height, options->packet, options->no_clip};
+    const df_trace_options trace = {renderer->options.kernels, options->solve,       options->steps,
+                                    options->threads,          renderer->tile_width, renderer->tile_height,
+                                    options->packet,           options->no_clip};
     const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
     renderer->prepare_ms = df_now_ms() - start;
     if (status == DF_OK) status = make_background(renderer, err);
     if (status == DF_OK) {
-        status = df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
+        status =
+            df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
     }
     for (uint32_t i = 0; i < renderer->worker_count && status == DF_OK; i++) {
         status = df_rays_alloc(tile_rays, true, &renderer->workers[i].tile.rays, err);
@@ -120,13 +122,20 @@ static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture
     if (!tracer->touches || tracer->touches(renderer->tracer_state, tile)) {
         df_view_rays(tile->view, renderer->options.kernels, tile->x, tile->y, tile->width, tile->height, &tile->rays);
         made = df_now_ms();
-        df_status status = tracer->trace(renderer->tracer_state, thread, tile, &worker->hits, &worker->stats.counters, &worker->error);
+        df_status status =
+            tracer->trace(renderer->tracer_state, thread, tile, &worker->hits, &worker->stats.counters, &worker->error);
         if (status != DF_OK) worker->status = status;
         traced = df_now_ms();
     }
     clear_tile(renderer, tile, picture);
-    const df_shade_job job = {renderer->scene, tile,         renderer->options.gradient, renderer->shade_table,
-                              picture->width,  picture->rgb, picture->depth,             picture->normals};
+    const df_shade_job job = {renderer->scene,
+                              tile,
+                              renderer->options.gradient,
+                              renderer->shade_table,
+                              picture->width,
+                              picture->rgb,
+                              picture->depth,
+                              picture->normals};
     if (worker->hits.count) renderer->options.kernels->shade(&job, &worker->hits);
     worker->stats.rays_ms += made - start;
     worker->stats.trace_ms += traced - made;
@@ -156,7 +165,10 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     const df_tracer *tracer = renderer->options.tracer;
     if (tracer->suits && !tracer->suits(renderer->scene, view)) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this field from here (%s): choose auto",
-                       tracer->name, renderer->scene->levels == 0 ? "an octree" : view->rebase ? "the eye is too far away" : "its structure");
+                       tracer->name,
+                       renderer->scene->levels == 0 ? "an octree"
+                       : view->rebase               ? "the eye is too far away"
+                                                    : "its structure");
     }
     if (tracer->begin_frame) {
         df_status status = tracer->begin_frame(renderer->tracer_state, view, first_row, row_count, err);
@@ -194,8 +206,8 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     return DF_OK;
 }
 
-df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
-                            df_error *err) {
+df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture,
+                            df_frame_stats *stats, df_error *err) {
     return df_renderer_rows(renderer, view, 0, view->height, picture, stats, err);
 }
 

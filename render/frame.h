@@ -1,6 +1,6 @@
 /*
- * Pictures: tiles of rays through a tracer, then gradients and shading over the hits, on as many threads as asked for. The
- * bytes of a picture do not depend on threads or tiles.
+ * Pictures: tiles of rays through a tracer, then gradients and shading over the hits, on as many threads as asked for.
+ * The bytes of a picture do not depend on threads or tiles.
  */
 #ifndef DF_FRAME_H
 #define DF_FRAME_H
@@ -10,9 +10,9 @@
 /* What a picture consists of; arrays that are NULL are not wanted. Rows from top to bottom. */
 typedef struct df_picture {
     uint32_t width, height;
-    uint8_t *rgb;    /* width * height * 3, sRGB */
-    float *depth;    /* width * height: distance from the eye in world units, INFINITY where nothing is hit */
-    float *normals;  /* width * height * 3: unit vectors in world space, towards the outside; 0 where nothing is hit */
+    uint8_t *rgb;   /* width * height * 3, sRGB */
+    float *depth;   /* width * height: distance from the eye in world units, INFINITY where nothing is hit */
+    float *normals; /* width * height * 3: unit vectors in world space, towards the outside; 0 where nothing is hit */
 } df_picture;
 
 typedef struct df_frame_options {
@@ -30,15 +30,15 @@ typedef struct df_frame_options {
 typedef struct df_frame_stats {
     uint64_t rays_cast, rays_entering, rays_hitting;
     df_counters counters;
-    double frame_ms; /* wall clock, from the view to the complete picture */
-    double begin_ms;                     /* what the tracer does before the tiles, wall clock */
+    double frame_ms;                    /* wall clock, from the view to the complete picture */
+    double begin_ms;                    /* what the tracer does before the tiles, wall clock */
     double rays_ms, trace_ms, shade_ms; /* making rays; traversal and solves; gradients, shading and writing */
 } df_frame_stats;
 
 typedef struct df_renderer df_renderer;
 
-/* Prepares the tracer for a scene, which must outlive the renderer, and allocates all that frames need. Pictures may be at most
- * width x height. */
+/* Prepares the tracer for a scene, which must outlive the renderer, and allocates all that frames need. Pictures may be
+ * at most width x height. */
 df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
                            df_renderer **out, df_error *err);
 void df_renderer_close(df_renderer *renderer);
@@ -47,8 +47,8 @@ void df_renderer_close(df_renderer *renderer);
 void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_t *bytes);
 
 /* Renders one picture of the view's size. stats may be NULL. */
-df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture, df_frame_stats *stats,
-                            df_error *err);
+df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture,
+                            df_frame_stats *stats, df_error *err);
 
 /* Only the rows first_row <= y < first_row + row_count of it; not with tracers that want whole pictures. */
 df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t first_row, uint32_t row_count,

@@ -6,8 +6,8 @@
 #include <math.h>
 #include <stdio.h>
 
-/* The 99th percentile of robust's error after so many steps, in voxels: the worst over the fields and families of rays of the
- * accuracy laboratory, rounded up. */
+/* The 99th percentile of robust's error after so many steps, in voxels: the worst over the fields and families of rays
+ * of the accuracy laboratory, rounded up. */
 static const struct {
     int steps;
     double error;
@@ -29,7 +29,8 @@ void df_quality_choose(const df_field *field, const df_camera *camera, uint32_t 
     double largest = fmax(field->voxel_size[0], fmax(field->voxel_size[1], field->voxel_size[2]));
     const double half_pixel = box_distance(field, camera->eye) * tan(camera->fov_y / 2) / height;
     q->field_floor = field->error_rms >= 0 ? field->error_rms / largest : -1;
-    q->pixel_floor = half_pixel / largest; /* of the largest voxel side: errors in voxels are at most that much in the world */
+    q->pixel_floor =
+        half_pixel / largest; /* of the largest voxel side: errors in voxels are at most that much in the world */
     q->bound = 0.1 * fmax(q->field_floor, q->pixel_floor);
     int choice = 0;
     while (choice < CHOICE_COUNT - 1 && robust_errors[choice].error > q->bound) choice++;
@@ -42,6 +43,10 @@ void df_quality_choose(const df_field *field, const df_camera *camera, uint32_t 
 void df_quality_explain(const df_quality *q, char *text, size_t size) {
     char field[64] = "not known";
     if (q->field_floor >= 0) snprintf(field, sizeof field, "%.2g voxel", q->field_floor);
-    snprintf(text, size, "intersect %s with at most %d steps (%.2g voxel left), gradient %s: half a pixel is %.2g voxel, the field's own error %s, "
-             "a tenth of the higher %.2g", df_solve_names[q->solve], q->steps, q->error, df_gradient_names[q->gradient], q->pixel_floor, field, q->bound);
+    snprintf(text, size,
+             "intersect %s with at most %d steps (%.2g voxel left), gradient %s: half a pixel is %.2g voxel, the "
+             "field's own error %s, "
+             "a tenth of the higher %.2g",
+             df_solve_names[q->solve], q->steps, q->error, df_gradient_names[q->gradient], q->pixel_floor, field,
+             q->bound);
 }

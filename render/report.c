@@ -16,8 +16,10 @@ static void add_devices(const df_devices *devices, const df_tracer *tracer, json
         upload_ms += parts[i].upload_ms;
         download_ms += parts[i].download_ms;
         const char *name = strncmp(parts[i].name, "opencl", 6) == 0 ? "dda" : tracer->name; /* what devices have */
-        if (!strstr(tracers, name)) snprintf(tracers + strlen(tracers), sizeof tracers - strlen(tracers), "%s%s", *tracers ? " + " : "", name);
-        used += (size_t)snprintf(text + used, sizeof text - used, "%s%.*s", i ? " + " : "", (int)sizeof parts[i].name - 1, parts[i].name);
+        if (!strstr(tracers, name))
+            snprintf(tracers + strlen(tracers), sizeof tracers - strlen(tracers), "%s%s", *tracers ? " + " : "", name);
+        used += (size_t)snprintf(text + used, sizeof text - used, "%s%.*s", i ? " + " : "",
+                                 (int)sizeof parts[i].name - 1, parts[i].name);
     }
     json_object_set_new(json, "tracer", json_string(tracers));
     json_object_set_new(json, "device", json_string(text));
@@ -47,7 +49,8 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
     json_object_set_new(json, "tracer", json_string(report->tracer->name));
     json_object_set_new(json, "intersect", json_string(df_solve_names[settings->solve]));
-    json_object_set_new(json, "steps", json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
+    json_object_set_new(json, "steps",
+                        json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
     json_object_set_new(json, "gradient", json_string(df_gradient_names[settings->gradient]));
     json_object_set_new(json, "isa", json_string(report->kernels->isa));
     json_object_set_new(json, "threads", json_integer(report->threads));

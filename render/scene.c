@@ -38,7 +38,8 @@ void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t b
         uint32_t side = scene->k + 1, mask = scene->k - 1;
         row = side;
         slice = side * side;
-        at = (uint64_t)block * df_brick_sample_count(scene->k) + (voxel[0] & mask) + row * (voxel[1] & mask) + slice * (voxel[2] & mask);
+        at = (uint64_t)block * df_brick_sample_count(scene->k) + (voxel[0] & mask) + row * (voxel[1] & mask) +
+             slice * (voxel[2] & mask);
     } else {
         row = (uint64_t)field->voxel_count[0] + 1;
         slice = row * ((uint64_t)field->voxel_count[1] + 1);
@@ -68,8 +69,8 @@ static sample_run run_of_block(const df_scene *scene, uint32_t block) {
 }
 
 /* Fills the 4 samples one step beyond the cell along `axis`, before it or after it, at strides of `step` floats. */
-static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int axis, bool after, float *stencil,
-                         size_t step) {
+static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int axis, bool after,
+                         float *stencil, size_t step) {
     const df_field *field = scene->field;
     const int u = (axis + 1) % 3, v = (axis + 2) % 3, stride[3] = {1, 4, 16};
     const int corner = DF_STENCIL(0, 0, 0), beyond = corner + (after ? 2 : -1) * stride[axis];
@@ -89,7 +90,8 @@ static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_
     const uint64_t strides[3] = {1, run.row, run.slice};
     /* after: the sample is the upper neighbour of at - 1, which lies in the same brick */
     const uint64_t along = after ? ((uint64_t)(at - 1) & mask) + 1 : (uint64_t)at & mask;
-    const uint64_t first = run.first + along * strides[axis] + (voxel[u] & mask) * strides[u] + (voxel[v] & mask) * strides[v];
+    const uint64_t first =
+        run.first + along * strides[axis] + (voxel[u] & mask) * strides[u] + (voxel[v] & mask) * strides[v];
     for (int i = 0; i < 4; i++) {
         const int side = (i & 1) * stride[u] + (i >> 1) * stride[v];
         float *out = &stencil[(size_t)(beyond + side) * step];
@@ -108,7 +110,8 @@ static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_
     }
 }
 
-void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil, size_t step) {
+void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil,
+                      size_t step) {
     const sample_run run = run_of_block(scene, block);
     const uint32_t mask = scene->field->kind == DF_FIELD_BRICKS ? scene->k - 1 : 0xFFFFFFFFu;
     const uint64_t first = run.first + (voxel[0] & mask) + (voxel[1] & mask) * run.row + (voxel[2] & mask) * run.slice;
@@ -116,7 +119,8 @@ void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t b
         const uint64_t at = first + (c & 1) + (c & 2 ? run.row : 0) + (c & 4 ? run.slice : 0);
         stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = decode(scene->field, at, block);
     }
-    for (int face = 0; beyond && face < 6; face++) stencil_face(scene, voxel, block, face >> 1, face & 1, stencil, step);
+    for (int face = 0; beyond && face < 6; face++)
+        stencil_face(scene, voxel, block, face >> 1, face & 1, stencil, step);
 }
 
 /* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
@@ -135,8 +139,8 @@ static bool leaf_sample(const df_field *field, const int64_t at[3], float *value
     return true;
 }
 
-void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2, bool beyond,
-                           float *stencil, size_t step) {
+void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
+                           bool beyond, float *stencil, size_t step) {
     const df_field *field = scene->field;
     const int stride[3] = {1, 4, 16};
     const int64_t size = (int64_t)1 << size_log2;
@@ -193,7 +197,8 @@ static df_status prepare_uniform(df_scene *scene, df_error *err) {
     const uint32_t *count = scene->voxel_count;
     uint64_t *rows;
     scene->row_words = (count[0] + 63) / 64;
-    df_status status = df_alloc((void **)&rows, (uint64_t)scene->row_words * count[1] * count[2], sizeof *rows, "surface mask", err);
+    df_status status =
+        df_alloc((void **)&rows, (uint64_t)scene->row_words * count[1] * count[2], sizeof *rows, "surface mask", err);
     if (status != DF_OK) return status;
     scene->owned[0] = rows;
     scene->rows = rows;
@@ -286,7 +291,8 @@ static df_status prepare_brick_masks(df_scene *scene, df_error *err) {
     const df_field *field = scene->field;
     uint32_t k = scene->k, words = df_brick_mask_words(k);
     uint64_t *masks;
-    df_status status = df_alloc((void **)&masks, (uint64_t)field->brick_count * words, sizeof *masks, "surface masks", err);
+    df_status status =
+        df_alloc((void **)&masks, (uint64_t)field->brick_count * words, sizeof *masks, "surface masks", err);
     if (status != DF_OK) return status;
     scene->owned[1] = masks;
     scene->masks = masks;
@@ -298,7 +304,9 @@ static df_status prepare_brick_masks(df_scene *scene, df_error *err) {
         for (uint32_t bit = 0; bit < k * k * k; bit++) {
             uint32_t voxel[3] = {cell[0] * k + bit % k, cell[1] * k + bit / k % k, cell[2] * k + bit / k / k};
             float corner[8];
-            if (voxel[0] >= scene->voxel_count[0] || voxel[1] >= scene->voxel_count[1] || voxel[2] >= scene->voxel_count[2]) continue;
+            if (voxel[0] >= scene->voxel_count[0] || voxel[1] >= scene->voxel_count[1] ||
+                voxel[2] >= scene->voxel_count[2])
+                continue;
             df_scene_corners(scene, voxel, b, corner);
             if (df_corners_straddle(corner, 0)) masks[(uint64_t)b * words + bit / 64] |= 1ull << (bit % 64);
         }
@@ -329,12 +337,14 @@ static df_status check_options(const df_scene *scene, const df_scene_options *op
     if (scene->field->kind != DF_FIELD_BRICKS) return DF_OK;
     if (options->levels == 1) return df_fail(err, DF_ERROR_USAGE, "--levels 1: a field of bricks has two levels");
     if (options->coarse && options->coarse != scene->field->brick_size) {
-        return df_fail(err, DF_ERROR_USAGE, "--coarse %u: this field has bricks of %u voxels", options->coarse, scene->field->brick_size);
+        return df_fail(err, DF_ERROR_USAGE, "--coarse %u: this field has bricks of %u voxels", options->coarse,
+                       scene->field->brick_size);
     }
     return DF_OK;
 }
 
-df_status df_scene_prepare(const df_field *field, float iso, const df_scene_options *options, df_scene *scene, df_error *err) {
+df_status df_scene_prepare(const df_field *field, float iso, const df_scene_options *options, df_scene *scene,
+                           df_error *err) {
     double start_ms = df_now_ms();
     memset(scene, 0, sizeof *scene);
     scene->field = field;

@@ -77,7 +77,8 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
     }
     if (strcmp(name, "packet") == 0) {
         status = df_parse_u32("--packet", value, 1, DF_CGT_PACKET_MAX, &s->packet, err);
-        if (status == DF_OK && (s->packet & (s->packet - 1))) return df_fail(err, DF_ERROR_USAGE, "--packet %s: expected a power of two", value);
+        if (status == DF_OK && (s->packet & (s->packet - 1)))
+            return df_fail(err, DF_ERROR_USAGE, "--packet %s: expected a power of two", value);
         return status;
     }
     if (strcmp(name, "clip") == 0) {
@@ -93,7 +94,8 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         if (status == DF_OK) s->quality_auto = number == 1;
         return status;
     }
-    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "gradient") == 0) s->has_methods = true;
+    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "gradient") == 0)
+        s->has_methods = true;
     if (strcmp(name, "intersect") == 0) {
         status = df_parse_name("--intersect", value, df_solve_names, &number, err);
         if (status == DF_OK) s->solve = (int)number;
@@ -114,7 +116,8 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
 
 df_status df_settings_camera(const df_settings *s, const df_field *field, df_camera *camera, df_error *err) {
     if (s->quality_auto && s->has_methods) {
-        return df_fail(err, DF_ERROR_USAGE, "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
+        return df_fail(err, DF_ERROR_USAGE,
+                       "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
     }
     if (s->steps && df_solve_steps(s->solve) == 0) {
         return df_fail(err, DF_ERROR_USAGE, "--steps: --intersect %s has no steps", df_solve_names[s->solve]);
@@ -139,15 +142,15 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     size_t size;
     FILE *stream = open_memstream(&text, &size);
     if (!stream) return NULL;
-    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso, s->tracer ? s->tracer->name : "auto",
-            df_solve_names[s->solve], df_gradient_names[s->gradient]);
+    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso,
+            s->tracer ? s->tracer->name : "auto", df_solve_names[s->solve], df_gradient_names[s->gradient]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
     if (s->packet) fprintf(stream, "packet=%u\n", s->packet);
     if (s->no_clip) fprintf(stream, "clip=off\n");
     if (s->scene.coarse) fprintf(stream, "coarse=%u\n", s->scene.coarse);
-    fprintf(stream, "eye=%.17g,%.17g,%.17g\nlook-at=%.17g,%.17g,%.17g\nup=%.17g,%.17g,%.17g\nfov=%.17g", c->eye[0], c->eye[1],
-            c->eye[2], c->look_at[0], c->look_at[1], c->look_at[2], c->up[0], c->up[1], c->up[2], s->fov);
+    fprintf(stream, "eye=%.17g,%.17g,%.17g\nlook-at=%.17g,%.17g,%.17g\nup=%.17g,%.17g,%.17g\nfov=%.17g", c->eye[0],
+            c->eye[1], c->eye[2], c->look_at[0], c->look_at[1], c->look_at[2], c->up[0], c->up[1], c->up[2], s->fov);
     if (fclose(stream) != 0) {
         free(text);
         return NULL;

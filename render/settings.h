@@ -1,6 +1,6 @@
 /*
- * What a picture depends on besides the field: camera, size and methods. Settings can be written as command-line arguments and read
- * back, so that a picture carries all that is needed to make it again.
+ * What a picture depends on besides the field: camera, size and methods. Settings can be written as command-line
+ * arguments and read back, so that a picture carries all that is needed to make it again.
  */
 #ifndef DF_SETTINGS_H
 #define DF_SETTINGS_H
@@ -13,14 +13,14 @@ typedef struct df_settings {
     df_scene_options scene;
     const df_tracer *tracer; /* NULL: auto */
     int solve, steps, gradient;
-    bool quality_auto;   /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
+    bool quality_auto; /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
     bool has_methods;
-    uint32_t packet;     /* of cgt; 0: default */
+    uint32_t packet; /* of cgt; 0: default */
     bool no_clip;
-    double orbit[3];     /* degrees, degrees, multiples of the longest side: used when there is no eye */
+    double orbit[3]; /* degrees, degrees, multiples of the longest side: used when there is no eye */
     bool has_orbit, has_eye, has_look_at, has_up;
-    df_camera camera;    /* what has_... says is given; fov_y is unused */
-    double fov;          /* degrees, vertical */
+    df_camera camera; /* what has_... says is given; fov_y is unused */
+    double fov;       /* degrees, vertical */
 } df_settings;
 
 void df_settings_defaults(df_settings *settings);

@@ -5,7 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_cgt, &df_tracer_dda, &df_tracer_adf, NULL};
+const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_cgt,
+                                       &df_tracer_dda,   &df_tracer_adf,    NULL};
 const df_tracer *const df_mesh_tracers[] = {
 #ifdef DF_HAVE_EMBREE
     &df_tracer_mc_embree,
@@ -15,7 +16,8 @@ const df_tracer *const df_mesh_tracers[] = {
 #endif
     NULL};
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
-const char *const df_gradient_names[] = {"analytic", "central", "forward", "backward", "corner-central", "corner-forward", NULL};
+const char *const df_gradient_names[] = {"analytic",       "central",        "forward", "backward",
+                                         "corner-central", "corner-forward", NULL};
 
 const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -54,7 +56,8 @@ df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err) {
     for (int a = 0; a < 3; a++) {
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->cell[a], room, sizeof *hits->cell[a], "hits", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->local[a], room, sizeof *hits->local[a], "hits", err);
-        if (status == DF_OK) status = df_alloc_raw((void **)&hits->normal[a], room, sizeof *hits->normal[a], "hits", err);
+        if (status == DF_OK)
+            status = df_alloc_raw((void **)&hits->normal[a], room, sizeof *hits->normal[a], "hits", err);
     }
     if (status != DF_OK) df_hits_free(hits);
     return status;

@@ -1,10 +1,10 @@
 /*
  * Tracers: ways to find the first hit of rays.
  *
- * A tracer gets a tile of rays and returns its hits; it knows nothing of gradients and colours. They are a second pass over hits
- * (frame.h), the same for all tracers. A tile is usually a small rectangle of pixels, traced by one thread of many; for a tracer with
- * whole_frame set it is the whole picture; and without a view it is a buffer of arbitrary rays. All tracers of df_tracers give the same hits, bit for
- * bit, for the same solve.
+ * A tracer gets a tile of rays and returns its hits; it knows nothing of gradients and colours. They are a second pass
+ * over hits (frame.h), the same for all tracers. A tile is usually a small rectangle of pixels, traced by one thread of
+ * many; for a tracer with whole_frame set it is the whole picture; and without a view it is a buffer of arbitrary rays.
+ * All tracers of df_tracers give the same hits, bit for bit, for the same solve.
  */
 #ifndef DF_TRACER_H
 #define DF_TRACER_H
@@ -12,20 +12,21 @@
 #include "render/scene.h"
 #include "render/view.h"
 
-/* Hits as arrays, only those that there are, in any order. The arrays hold DF_RAY_PADDING entries more than capacity, so that
- * whole vectors may be stored at the end. */
-#define DF_HIT_BACK 1u       /* the ray came from inside: what it sees is a back face */
-#define DF_HIT_SIZE_SHIFT 4   /* from here on: the binary logarithm of the cell's size in voxels; 0 but for octrees */
+/* Hits as arrays, only those that there are, in any order. The arrays hold DF_RAY_PADDING entries more than capacity,
+ * so that whole vectors may be stored at the end. */
+#define DF_HIT_BACK 1u      /* the ray came from inside: what it sees is a back face */
+#define DF_HIT_SIZE_SHIFT 4 /* from here on: the binary logarithm of the cell's size in voxels; 0 but for octrees */
 typedef struct df_hits {
     uint32_t count, capacity;
     uint32_t *ray;     /* index of the ray in its tile */
     uint16_t *cell[3]; /* the voxel, or the lower corner of the leaf */
-    uint32_t *block;   /* its brick or mask block (df_scene_block); 0 for uniform fields; of a leaf 8 * family + child */
+    uint32_t *block; /* its brick or mask block (df_scene_block); 0 for uniform fields; of a leaf 8 * family + child */
     uint8_t *flags;
-    float *local[3];   /* position in the cell, [0,1]^3 */
-    double *t;         /* along the ray as the caller knows it: t_base included */
-    float *normal[3];  /* world directions towards the outside, of any length: of tracers that draw something else than the field */
-    bool has_normals;  /* set by such tracers; otherwise shading takes the field's gradient */
+    float *local[3];  /* position in the cell, [0,1]^3 */
+    double *t;        /* along the ray as the caller knows it: t_base included */
+    float *normal[3]; /* world directions towards the outside, of any length: of tracers that draw something else than
+                         the field */
+    bool has_normals; /* set by such tracers; otherwise shading takes the field's gradient */
 } df_hits;
 
 df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err);
@@ -33,8 +34,8 @@ void df_hits_free(df_hits *hits);
 
 /* What was done, summed over rays; threads have one each. */
 typedef struct df_counters {
-    uint64_t coarse_steps, fine_steps; /* cells visited */
-    uint64_t cells_tested;             /* cell segments whose field values were computed */
+    uint64_t coarse_steps, fine_steps;  /* cells visited */
+    uint64_t cells_tested;              /* cell segments whose field values were computed */
     uint64_t lanes_active, lanes_total; /* of SIMD steps */
 } df_counters;
 
@@ -46,13 +47,14 @@ typedef struct df_tile {
 } df_tile;
 
 typedef struct df_trace_options {
-    const df_kernels *kernels; /* the instruction set to use */
-    int solve;          /* DF_SOLVE_... of solve.h */
-    int steps;          /* of the solve; 0: df_solve_steps */
-    uint32_t threads;   /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
-    uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted from begin_frame's first */
-    uint32_t packet;    /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
-    bool no_clip;       /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
+    const df_kernels *kernels;        /* the instruction set to use */
+    int solve;                        /* DF_SOLVE_... of solve.h */
+    int steps;                        /* of the solve; 0: df_solve_steps */
+    uint32_t threads;                 /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
+    uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted
+                                         from begin_frame's first */
+    uint32_t packet;                  /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
+    bool no_clip;                     /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
 } df_trace_options;
 
 typedef struct df_tracer df_tracer;
@@ -61,7 +63,8 @@ struct df_tracer {
     const char *summary; /* for --help */
     bool whole_frame;    /* wants one tile, the picture, from one thread */
 
-    /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a view. */
+    /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a
+     * view. */
     df_status (*prepare)(const df_scene *scene, const df_trace_options *options, void **state, df_error *err);
     void (*release)(void *state);
     /* NULL or the bytes that prepare added for the scene, workspaces of threads not counted. */
@@ -73,13 +76,15 @@ struct df_tracer {
     /* NULL, or false where no ray of the tile can hit: its rays are then not even made. tile->rays is not valid yet. */
     bool (*touches)(const void *state, const df_tile *tile);
     /* Appends the hits of a tile to hits, which is empty and has room for one a ray. */
-    df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err);
+    df_status (*trace)(void *state, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                       df_error *err);
 };
 
 extern const df_tracer df_tracer_adf, df_tracer_cgt, df_tracer_dda, df_tracer_packet, df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
-/* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in; ended by NULL. */
+/* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in;
+ * ended by NULL. */
 extern const df_tracer *const df_tracers[];
 extern const df_tracer *const df_mesh_tracers[];
 const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
@@ -91,8 +96,8 @@ const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view);
 extern const char *const df_solve_names[];
 extern const char *const df_gradient_names[];
 
-/* The default of --steps. Linear, midpoint, analytic: 0. Repeated, marmitt: interpolations after the first (3). Robust: Illinois steps
- * at most (16). */
+/* The default of --steps. Linear, midpoint, analytic: 0. Repeated, marmitt: interpolations after the first (3). Robust:
+ * Illinois steps at most (16). */
 int df_solve_steps(int solve);
 
 /* A cell that a walk has accepted for a ray of its tile: to be solved. */

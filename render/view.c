@@ -7,13 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Cameras farther from the field than this many times its longest side get rays with origins of their own. Up to here a float
- * origin is good to 1 ulp of coordinates that the walk has anyway. */
+/* Cameras farther from the field than this many times its longest side get rays with origins of their own. Up to here a
+ * float origin is good to 1 ulp of coordinates that the walk has anyway. */
 #define NEAR_FACTOR 3.0
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void cross(const double a[3], const double b[3], double out[3]) {
     for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
@@ -29,9 +27,7 @@ static bool normalise(double v[3]) {
     return true;
 }
 
-static double longest_side(const double box[3]) {
-    return fmax(box[0], fmax(box[1], box[2]));
-}
+static double longest_side(const double box[3]) { return fmax(box[0], fmax(box[1], box[2])); }
 
 static bool far_away(const double box[3], const double origin[3]) {
     double limit = NEAR_FACTOR * longest_side(box);
@@ -58,7 +54,8 @@ df_status df_view_make(const df_camera *camera, const df_field *field, uint32_t 
     cross(forward, right, down);
     double step = 2 * tan(camera->fov_y / 2) / height; /* of a pixel, at distance 1 */
     for (int a = 0; a < 3; a++) {
-        double scale = unit / field->voxel_size[a]; /* world to grid, up to a factor that leaves t in voxels of the largest size */
+        double scale =
+            unit / field->voxel_size[a]; /* world to grid, up to a factor that leaves t in voxels of the largest size */
         double first = forward[a] + (0.5 - width / 2.0) * step * right[a] + (0.5 - height / 2.0) * step * down[a];
         view->corner[a] = first * scale;
         view->right[a] = right[a] * step * scale;
@@ -149,8 +146,8 @@ static void far_rays(const df_view *view, uint32_t x0, uint32_t y0, uint32_t wid
     }
 }
 
-void df_view_rays(const df_view *view, const df_kernels *kernels, uint32_t x, uint32_t y, uint32_t width, uint32_t height,
-                  df_rays *rays) {
+void df_view_rays(const df_view *view, const df_kernels *kernels, uint32_t x, uint32_t y, uint32_t width,
+                  uint32_t height, df_rays *rays) {
     rays->count = width * height;
     rays->shared_origin = !view->rebase;
     if (view->rebase) {
@@ -178,7 +175,8 @@ bool df_rays_set(df_rays *rays, uint32_t index, const double box[3], const doubl
     for (int a = 0; a < 3; a++) rays->origin[a][index] = (float)o[a];
     for (int a = 0; a < 3; a++) {
         /* A ray along a grid plane belongs to the cells above it; along the last one, to those below. */
-        if (fabs(d[a]) < (double)DF_DIRECTION_MIN) d[a] = (double)(o[a] >= box[a] ? -DF_DIRECTION_MIN : DF_DIRECTION_MIN);
+        if (fabs(d[a]) < (double)DF_DIRECTION_MIN)
+            d[a] = (double)(o[a] >= box[a] ? -DF_DIRECTION_MIN : DF_DIRECTION_MIN);
     }
     set_ray(rays, index, d);
     *t_scale = 1 / largest;

@@ -1,5 +1,6 @@
-/* check_adf FIELD COUNT: takes random points on shared faces, edges and corners of an octree's leaves and evaluates them from every leaf that
- * touches them: all must agree within 1e-6 of the field's diagonal, the leaves by a search of their own. Exit 0 when they do. */
+/* check_adf FIELD COUNT: takes random points on shared faces, edges and corners of an octree's leaves and evaluates
+ * them from every leaf that touches them: all must agree within 1e-6 of the field's diagonal, the leaves by a search of
+ * their own. Exit 0 when they do. */
 #include "common/field_file.h"
 #include "oracle.h"
 

@@ -1,6 +1,7 @@
-/* check_field FIELD MESH COUNT [any-sign]: compares COUNT random stored samples of a field, and where it stores none the side, with brute force
- * over the mesh as it is in its file. Values must agree within 1 ulp of a float or 1e-15 of the largest coordinate; sides by winding
- * number >= 1, or not at all for any-sign. Prints what it found; exit 0 when all agree. */
+/* check_field FIELD MESH COUNT [any-sign]: compares COUNT random stored samples of a field, and where it stores none
+ * the side, with brute force over the mesh as it is in its file. Values must agree within 1 ulp of a float or 1e-15 of
+ * the largest coordinate; sides by winding number >= 1, or not at all for any-sign. Prints what it found; exit 0 when
+ * all agree. */
 #include "common/field_file.h"
 #include "convert/mesh_read.h"
 #include "oracle.h"
@@ -16,7 +17,8 @@ typedef struct tally {
     double worst_ulp;
 } tally;
 
-static void check_sample(const df_field *field, const df_mesh *mesh, const uint32_t at[3], double tolerance, bool sign, tally *t) {
+static void check_sample(const df_field *field, const df_mesh *mesh, const uint32_t at[3], double tolerance, bool sign,
+                         tally *t) {
     float value;
     double grid[3] = {at[0], at[1], at[2]}, p[3];
     bool stored = df_field_sample(field, at, &value);
@@ -27,14 +29,16 @@ static void check_sample(const df_field *field, const df_mesh *mesh, const uint3
         t->stored++;
         if (difference > tolerance) t->worst_ulp = fmax(t->worst_ulp, difference / ulp);
         if (difference > fmax(tolerance, ulp)) {
-            if (t->wrong_values++ == 0) printf("sample %u %u %u: %.9g, exact %.17g\n", at[0], at[1], at[2], (double)value, exact);
+            if (t->wrong_values++ == 0)
+                printf("sample %u %u %u: %.9g, exact %.17g\n", at[0], at[1], at[2], (double)value, exact);
         }
     }
     if (!sign || exact <= tolerance) return;
     double winding = oracle_winding(mesh->positions, mesh->faces, mesh->face_count, p);
     t->sides++;
     if ((value < 0) != (winding > 0.5)) {
-        if (t->wrong_signs++ == 0) printf("sample %u %u %u: %.9g, winding number %.6f\n", at[0], at[1], at[2], (double)value, winding);
+        if (t->wrong_signs++ == 0)
+            printf("sample %u %u %u: %.9g, winding number %.6f\n", at[0], at[1], at[2], (double)value, winding);
     }
 }
 
@@ -56,7 +60,8 @@ int main(int argc, char **argv) {
     df_field field = {0};
     df_mesh mesh = {0};
     df_error err = {0};
-    if (argc < 4 || df_field_read(argv[1], DF_READ_COPY, &field, &err) != DF_OK || df_mesh_read(argv[2], &mesh, &err) != DF_OK) {
+    if (argc < 4 || df_field_read(argv[1], DF_READ_COPY, &field, &err) != DF_OK ||
+        df_mesh_read(argv[2], &mesh, &err) != DF_OK) {
         fprintf(stderr, "check_field: %s\n", argc < 4 ? "FIELD MESH COUNT [any-sign]" : err.text);
         return 2;
     }
@@ -84,9 +89,9 @@ int main(int argc, char **argv) {
             total.worst_ulp = fmax(total.worst_ulp, mine.worst_ulp);
         }
     }
-    printf("%s: %llu values, %llu wrong, worst %.3f ulp; %llu sides, %llu wrong\n", argv[1], (unsigned long long)total.stored,
-           (unsigned long long)total.wrong_values, total.worst_ulp, (unsigned long long)total.sides,
-           (unsigned long long)total.wrong_signs);
+    printf("%s: %llu values, %llu wrong, worst %.3f ulp; %llu sides, %llu wrong\n", argv[1],
+           (unsigned long long)total.stored, (unsigned long long)total.wrong_values, total.worst_ulp,
+           (unsigned long long)total.sides, (unsigned long long)total.wrong_signs);
     df_field_free(&field);
     df_mesh_free(&mesh);
     return total.wrong_values || total.wrong_signs;

@@ -1,7 +1,7 @@
 /*
- * A shared object for LD_PRELOAD: the DF_FAIL_AT-th allocation fails (counted from 1, over all threads, from when main parses its
- * options: what libraries do before main is theirs), and all after it when DF_FAIL_ALL is set. It says so on descriptor DF_FAIL_FD, so that a
- * test knows whether its fault occurred.
+ * A shared object for LD_PRELOAD: the DF_FAIL_AT-th allocation fails (counted from 1, over all threads, from when main
+ * parses its options: what libraries do before main is theirs), and all after it when DF_FAIL_ALL is set. It says so on
+ * descriptor DF_FAIL_FD, so that a test knows whether its fault occurred.
  */
 #include <argp.h>
 #include <dlfcn.h>

@@ -5,16 +5,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-static float value_at(const uint32_t voxel_count[3], int64_t i, int64_t j, int64_t k, test_function function, const void *context) {
+static float value_at(const uint32_t voxel_count[3], int64_t i, int64_t j, int64_t k, test_function function,
+                      const void *context) {
     int64_t at[3] = {i, j, k};
     double grid[3];
-    for (int a = 0; a < 3; a++) grid[a] = (double)(at[a] < 0 ? 0 : at[a] > voxel_count[a] ? (int64_t)voxel_count[a] : at[a]);
+    for (int a = 0; a < 3; a++)
+        grid[a] = (double)(at[a] < 0 ? 0 : at[a] > voxel_count[a] ? (int64_t)voxel_count[a] : at[a]);
     return (float)function(grid, context) + 0.0f;
 }
 
 static df_status make_dense(df_field *field, test_function function, const void *context, df_error *err) {
     float *samples;
-    df_status status = df_alloc_raw((void **)&samples, df_dense_sample_count(field->voxel_count), sizeof *samples, "samples", err);
+    df_status status =
+        df_alloc_raw((void **)&samples, df_dense_sample_count(field->voxel_count), sizeof *samples, "samples", err);
     if (status != DF_OK) return status;
     df_field_own(field, samples);
     field->samples = samples;
@@ -42,7 +45,8 @@ static bool cell_is_needed(const df_field *field, const uint32_t cell[3], test_f
             for (int64_t x = low[0]; x <= high[0]; x++) {
                 float corners[8];
                 for (int c = 0; c < 8; c++) {
-                    corners[c] = value_at(field->voxel_count, x + (c & 1), y + (c >> 1 & 1), z + (c >> 2), function, context);
+                    corners[c] =
+                        value_at(field->voxel_count, x + (c & 1), y + (c >> 1 & 1), z + (c >> 2), function, context);
                 }
                 if (df_corners_straddle(corners, 0)) return true;
             }
@@ -61,9 +65,13 @@ static df_status make_bricks(df_field *field, test_function function, const void
     df_field_own(field, cells);
     field->cells = cells;
     for (uint64_t c = 0; c < cell_total; c++) {
-        uint32_t cell[3] = {(uint32_t)(c % count[0]), (uint32_t)(c / count[0] % count[1]), (uint32_t)(c / count[0] / count[1])};
+        uint32_t cell[3] = {(uint32_t)(c % count[0]), (uint32_t)(c / count[0] % count[1]),
+                            (uint32_t)(c / count[0] / count[1])};
         if (cell_is_needed(field, cell, function, context)) cells[c] = field->brick_count++;
-        else cells[c] = value_at(field->voxel_count, cell[0] * k, cell[1] * k, cell[2] * k, function, context) < 0 ? DF_CELL_INSIDE : DF_CELL_OUTSIDE;
+        else
+            cells[c] = value_at(field->voxel_count, cell[0] * k, cell[1] * k, cell[2] * k, function, context) < 0
+                           ? DF_CELL_INSIDE
+                           : DF_CELL_OUTSIDE;
     }
     status = df_alloc_raw((void **)&samples, (uint64_t)field->brick_count * per_brick, sizeof *samples, "samples", err);
     if (status != DF_OK) return status;
@@ -71,7 +79,8 @@ static df_status make_bricks(df_field *field, test_function function, const void
     field->samples = samples;
     for (uint64_t c = 0; c < cell_total; c++) {
         if (cells[c] >= DF_CELL_INSIDE) continue;
-        int64_t cell[3] = {(int64_t)(c % count[0]), (int64_t)(c / count[0] % count[1]), (int64_t)(c / count[0] / count[1])};
+        int64_t cell[3] = {(int64_t)(c % count[0]), (int64_t)(c / count[0] % count[1]),
+                           (int64_t)(c / count[0] / count[1])};
         for (uint32_t s = 0; s < per_brick; s++) {
             *samples++ = value_at(field->voxel_count, cell[0] * k + s % (k + 1), cell[1] * k + s / (k + 1) % (k + 1),
                                   cell[2] * k + s / (k + 1) / (k + 1), function, context);
@@ -88,7 +97,8 @@ typedef struct family_place {
 static void sample_family(const family_place *place, test_function function, const void *context, float samples[27]) {
     for (uint32_t s = 0; s < 27; s++) {
         double half = place->side / 2.0;
-        double grid[3] = {place->corner[0] + half * (s % 3), place->corner[1] + half * (s / 3 % 3), place->corner[2] + half * (s / 9)};
+        double grid[3] = {place->corner[0] + half * (s % 3), place->corner[1] + half * (s / 3 % 3),
+                          place->corner[2] + half * (s / 9)};
         samples[s] = (float)function(grid, context) + 0.0f;
     }
 }
@@ -127,7 +137,8 @@ static df_status make_adf(df_field *field, test_function function, const void *c
     if (status == DF_OK) status = df_alloc((void **)&samples, FAMILY_MAX, 27 * sizeof *samples, "samples", err);
     if (status != DF_OK) return status;
     df_field_own(field, samples);
-    for (field->level_count = 1; (1u << field->level_count) < field->voxel_count[0] || (1u << field->level_count) < field->voxel_count[1] ||
+    for (field->level_count = 1; (1u << field->level_count) < field->voxel_count[0] ||
+                                 (1u << field->level_count) < field->voxel_count[1] ||
                                  (1u << field->level_count) < field->voxel_count[2];) {
         field->level_count++;
     }
@@ -155,9 +166,11 @@ static df_status make_adf(df_field *field, test_function function, const void *c
     return df_field_finish(field, "test field", err);
 }
 
-df_status test_field_from_function(df_field *field, df_field_kind kind, uint32_t brick_size, const uint32_t voxel_count[3],
-                                   test_function function, const void *context, df_error *err) {
-    *field = (df_field){.kind = kind, .sample_type = DF_SAMPLE_F32, .voxel_size = {1, 1, 1}, .error_max = -1, .error_rms = -1};
+df_status test_field_from_function(df_field *field, df_field_kind kind, uint32_t brick_size,
+                                   const uint32_t voxel_count[3], test_function function, const void *context,
+                                   df_error *err) {
+    *field = (df_field){
+        .kind = kind, .sample_type = DF_SAMPLE_F32, .voxel_size = {1, 1, 1}, .error_max = -1, .error_rms = -1};
     memcpy(field->voxel_count, voxel_count, sizeof field->voxel_count);
     if (kind == DF_FIELD_BRICKS) field->brick_size = brick_size;
     df_status status = kind == DF_FIELD_BRICKS ? make_bricks(field, function, context, err)

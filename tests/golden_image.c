@@ -1,5 +1,5 @@
-/* golden_image PICTURE.png: prints a picture as CSV for comparing with a golden file: its size and checksum, and every 8th pixel of
- * every 8th row, so that a difference can be seen in the diff. */
+/* golden_image PICTURE.png: prints a picture as CSV for comparing with a golden file: its size and checksum, and every
+ * 8th pixel of every 8th row, so that a difference can be seen in the diff. */
 #include "common/digest.h"
 #include "common/image.h"
 

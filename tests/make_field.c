@@ -19,8 +19,11 @@ int main(int argc, char **argv) {
     if (argc != 4) return 2;
     const double n = atof(argv[2]);
     const uint32_t count[3] = {(uint32_t)n, (uint32_t)n, (uint32_t)n};
-    df_field_kind kind = strcmp(argv[1], "dense") == 0 ? DF_FIELD_DENSE : strcmp(argv[1], "adf") == 0 ? DF_FIELD_ADF : DF_FIELD_BRICKS;
-    df_status status = test_field_from_function(&field, kind, strcmp(argv[1], "bricks4") == 0 ? 4 : 8, count, torus, &n, &err);
+    df_field_kind kind = strcmp(argv[1], "dense") == 0 ? DF_FIELD_DENSE
+                         : strcmp(argv[1], "adf") == 0 ? DF_FIELD_ADF
+                                                       : DF_FIELD_BRICKS;
+    df_status status =
+        test_field_from_function(&field, kind, strcmp(argv[1], "bricks4") == 0 ? 4 : 8, count, torus, &n, &err);
     if (status == DF_OK) status = df_field_write(&field, argv[3], &err);
     if (status != DF_OK) fprintf(stderr, "make_field: %s\n", err.text);
     df_field_free(&field);

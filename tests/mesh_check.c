@@ -13,7 +13,8 @@ static int compare_half_edges(const void *a, const void *b) {
     return x->to < y->to ? -1 : x->to > y->to;
 }
 
-/* The number of fans of triangles around a vertex: its half edges `link` (from one neighbour to the next) form so many cycles or chains. */
+/* The number of fans of triangles around a vertex: its half edges `link` (from one neighbour to the next) form so many
+ * cycles or chains. */
 static uint64_t count_fans(const half_edge *link, uint32_t count) {
     uint64_t fans = 0;
     uint8_t *seen = calloc(count, 1);
@@ -26,7 +27,8 @@ static uint64_t count_fans(const half_edge *link, uint32_t count) {
         while (i < count && !seen[i]) {
             seen[i] = 1;
             uint32_t to = link[i].to;
-            for (i = 0; i < count && link[i].from != to; i++) {}
+            for (i = 0; i < count && link[i].from != to; i++) {
+            }
         }
     }
     free(seen);
@@ -70,7 +72,8 @@ mesh_check check_mesh(const df_mesh *mesh) {
     }
     free(edges);
     check_vertices(mesh, &check);
-    check.euler = (int64_t)mesh->vertex_count - (int64_t)(pairs / 2 + check.border_edges) + (int64_t)mesh->triangle_count;
+    check.euler =
+        (int64_t)mesh->vertex_count - (int64_t)(pairs / 2 + check.border_edges) + (int64_t)mesh->triangle_count;
     return check;
 }
 
@@ -95,7 +98,8 @@ static double value_at(const df_field *field, const double grid[3]) {
 }
 
 /* Where a layer of the fine lattice is inside; z counts fine steps. */
-static void fine_layer(const df_field *field, float iso, uint32_t n, uint32_t z, const uint32_t size[3], uint8_t *inside) {
+static void fine_layer(const df_field *field, float iso, uint32_t n, uint32_t z, const uint32_t size[3],
+                       uint8_t *inside) {
     for (uint32_t y = 0; y < size[1]; y++) {
         for (uint32_t x = 0; x < size[0]; x++) {
             double grid[3] = {(double)x / n, (double)y / n, (double)z / n};
@@ -118,7 +122,8 @@ int64_t subdivided_euler(const df_field *field, float iso, uint32_t n) {
             for (size_t x = 0; x + 1 < size[0]; x++) {
                 /* The cells of every dimension that start at this point. */
                 const uint8_t *p = low + x + size[0] * y, *q = high + x + size[0] * y;
-                int a = p[0], b = p[1], c = p[size[0]], d = p[size[0] + 1], e = q[0], f = q[1], g = q[size[0]], h = q[size[0] + 1];
+                int a = p[0], b = p[1], c = p[size[0]], d = p[size[0] + 1], e = q[0], f = q[1], g = q[size[0]],
+                    h = q[size[0] + 1];
                 euler += a - (a & b) - (a & c) - (a & e) + (a & b & c & d) + (a & b & e & f) + (a & c & e & g);
                 euler -= a & b & c & d & e & f & g & h;
             }

@@ -1,5 +1,5 @@
-/* What an indexed triangle mesh is, combinatorially, and the Euler characteristic that a field's surface should have: both share no code
- * with the extraction. */
+/* What an indexed triangle mesh is, combinatorially, and the Euler characteristic that a field's surface should have:
+ * both share no code with the extraction. */
 #ifndef DF_TESTS_MESH_CHECK_H
 #define DF_TESTS_MESH_CHECK_H
 
@@ -7,19 +7,19 @@
 #include "render/mesh/marching_cubes.h"
 
 typedef struct mesh_check {
-    uint64_t border_edges;       /* half edges without an opposite */
-    uint64_t crowded_edges;      /* half edges that occur twice: more than two triangles, or a flipped one */
-    uint64_t split_vertices;     /* vertices whose triangles do not form one fan */
+    uint64_t border_edges;   /* half edges without an opposite */
+    uint64_t crowded_edges;  /* half edges that occur twice: more than two triangles, or a flipped one */
+    uint64_t split_vertices; /* vertices whose triangles do not form one fan */
     uint64_t unused_vertices;
-    uint64_t degenerate;         /* triangles that name a vertex twice */
-    int64_t euler;               /* V - E + F */
+    uint64_t degenerate; /* triangles that name a vertex twice */
+    int64_t euler;       /* V - E + F */
 } mesh_check;
 
 mesh_check check_mesh(const df_mesh *mesh);
 
-/* Subdivide and count: each voxel of a dense or ADF field is cut into n^3, and the points of the finer lattice with value < iso make a
- * cubical complex (edges, squares and cubes all of whose corners are inside). The boundary of a solid has twice its Euler characteristic. The
- * field's outermost samples must be outside. */
+/* Subdivide and count: each voxel of a dense or ADF field is cut into n^3, and the points of the finer lattice with
+ * value < iso make a cubical complex (edges, squares and cubes all of whose corners are inside). The boundary of a
+ * solid has twice its Euler characteristic. The field's outermost samples must be outside. */
 int64_t subdivided_euler(const df_field *field, float iso, uint32_t n);
 
 #endif

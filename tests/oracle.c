@@ -15,7 +15,8 @@ static real to_segment(const real p[3], const real a[3], const real b[3]) {
     return dot(d, d);
 }
 
-/* Squared distance: to the plane where the foot of the perpendicular lies inside all three edges, otherwise to the nearest edge. */
+/* Squared distance: to the plane where the foot of the perpendicular lies inside all three edges, otherwise to the
+ * nearest edge. */
 static real to_triangle(const real p[3], const real c[3][3]) {
     real n[3], u[3], v[3], best = INFINITY;
     for (int i = 0; i < 3; i++) u[i] = c[1][i] - c[0][i], v[i] = c[2][i] - c[0][i];
@@ -67,7 +68,8 @@ double oracle_winding(const double *positions, const uint32_t *faces, size_t fac
             for (int i = 0; i < 3; i++) v[c][i] = positions[(size_t)faces[f * 3 + (size_t)c] * 3 + (size_t)i] - p[i];
             length[c] = sqrt(v[c][0] * v[c][0] + v[c][1] * v[c][1] + v[c][2] * v[c][2]);
         }
-        double det = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) - v[0][1] * (v[1][0] * v[2][2] - v[1][2] * v[2][0]) +
+        double det = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) -
+                     v[0][1] * (v[1][0] * v[2][2] - v[1][2] * v[2][0]) +
                      v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
         double ab = 0, bc = 0, ca = 0;
         for (int i = 0; i < 3; i++) ab += v[0][i] * v[1][i], bc += v[1][i] * v[2][i], ca += v[2][i] * v[0][i];

@@ -5,7 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* The distance of p to the nearest of face_count triangles (indices into positions), by the regions of each triangle, in long double. */
+/* The distance of p to the nearest of face_count triangles (indices into positions), by the regions of each triangle,
+ * in long double. */
 double oracle_distance(const double *positions, const uint32_t *faces, size_t face_count, const double p[3]);
 
 /* The generalised winding number of p: the solid angles of all triangles (van Oosterom, Strackee 1983) over 4 pi. */

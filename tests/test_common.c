@@ -54,7 +54,8 @@ static void sha256_equals_the_published_value(void **state) {
 
 static void numbers_with_trailing_text_or_out_of_range_are_refused(void **state) {
     (void)state;
-    static const char *const wrong[] = {"", "0", "-1", "1e9", "12x", " 3", "65537", "18446744073709551616", "0x10", "+5"};
+    static const char *const wrong[] = {"",     "0", "-1", "1e9", "12x", " 3", "65537", "18446744073709551616",
+                                        "0x10", "+5"};
     uint32_t value;
     df_error err = {0};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
@@ -78,7 +79,8 @@ static void numbers_with_trailing_text_or_out_of_range_are_refused(void **state)
 
 static void extensions_are_replaced_in_the_name_only(void **state) {
     (void)state;
-    static const char *const cases[][2] = {{"a.b/c", "a.b/c.png"}, {"x.obj", "x.png"}, {"d/x.y.obj", "d/x.y.png"}, {".hidden", ".hidden.png"}};
+    static const char *const cases[][2] = {
+        {"a.b/c", "a.b/c.png"}, {"x.obj", "x.png"}, {"d/x.y.obj", "d/x.y.png"}, {".hidden", ".hidden.png"}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char *path = df_path_with_extension(cases[i][0], ".png", 1);
         assert_string_equal(path, cases[i][1]);

@@ -1,6 +1,7 @@
 /*
- * Claims about the mesh readers: the same body in every dialect of every format is the same mesh. The body is the box 0..1 x 0..2 x 0..3, outward
- * oriented; what is compared is its signed volume, its bounds, and that it is closed after welding. The bridges are called from C here.
+ * Claims about the mesh readers: the same body in every dialect of every format is the same mesh. The body is the box
+ * 0..1 x 0..2 x 0..3, outward oriented; what is compared is its signed volume, its bounds, and that it is closed after
+ * welding. The bridges are called from C here.
  */
 #include "convert/mesh.h"
 #include "convert/mesh_formats.h"
@@ -16,7 +17,8 @@
 
 typedef df_status (*parser)(char *text, size_t size, const char *name, df_mesh_builder *builder, df_error *err);
 
-static const double corners[8][3] = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {1, 2, 0}, {0, 0, 3}, {1, 0, 3}, {0, 2, 3}, {1, 2, 3}};
+static const double corners[8][3] = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {1, 2, 0},
+                                     {0, 0, 3}, {1, 0, 3}, {0, 2, 3}, {1, 2, 3}};
 static const int quads[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
 
 /* Bytes in the making. */
@@ -45,7 +47,8 @@ static double signed_volume(const df_mesh *mesh) {
         const double *a = mesh->positions + 3 * (size_t)mesh->faces[3 * (size_t)f];
         const double *b = mesh->positions + 3 * (size_t)mesh->faces[3 * (size_t)f + 1];
         const double *c = mesh->positions + 3 * (size_t)mesh->faces[3 * (size_t)f + 2];
-        sum += a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+        sum += a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
+               a[2] * (b[0] * c[1] - b[1] * c[0]);
     }
     return sum / 6;
 }
@@ -67,7 +70,8 @@ static void is_the_box(parser parse, const buffer *b, const char *what) {
     assert_int_equal(df_mesh_find_edges(&mesh, &edges, &err), DF_OK);
     if (fabs(signed_volume(&mesh) - 6) > 1e-12) fail_msg("%s: volume %g", what, signed_volume(&mesh));
     if (mesh.vertex_count != 8 || mesh.face_count != 12 || edges.boundary) {
-        fail_msg("%s: %u vertices, %u faces, %u boundary edges", what, mesh.vertex_count, mesh.face_count, edges.boundary);
+        fail_msg("%s: %u vertices, %u faces, %u boundary edges", what, mesh.vertex_count, mesh.face_count,
+                 edges.boundary);
     }
     double low[3], high[3];
     df_mesh_bounds(&mesh, low, high);
@@ -119,7 +123,8 @@ static void obj_lines_that_go_on_and_elements_that_are_no_faces_are_read(void **
     buffer b;
     obj_vertices(&b, "\n");
     put(&b, "p 1\nl 1 2 3\nusemtl m\n");
-    for (int q = 0; q < 6; q++) put(&b, "f %d %d \\\n %d %d # a face\n", quads[q][0] + 1, quads[q][1] + 1, quads[q][2] + 1, quads[q][3] + 1);
+    for (int q = 0; q < 6; q++)
+        put(&b, "f %d %d \\\n %d %d # a face\n", quads[q][0] + 1, quads[q][1] + 1, quads[q][2] + 1, quads[q][3] + 1);
     is_the_box(df_mesh_parse_obj, &b, "obj with continued lines");
 }
 
@@ -127,14 +132,17 @@ static void obj_lines_that_go_on_and_elements_that_are_no_faces_are_read(void **
 
 static void ply_header(buffer *b, const char *format, const char *type, const char *faces, const char *list) {
     b->size = 0;
-    put(b, "ply\nformat %s 1.0\ncomment a box\nelement vertex 8\nproperty %s x\nproperty uchar red\nproperty %s y\nproperty %s z\n", format,
-        type, type, type);
+    put(b,
+        "ply\nformat %s 1.0\ncomment a box\nelement vertex 8\nproperty %s x\nproperty uchar red\nproperty %s "
+        "y\nproperty %s z\n",
+        format, type, type, type);
     put(b, "%s\nproperty list %s\nend_header\n", faces, list);
 }
 
 static void ply_text_is_read(void **state) {
     (void)state;
-    static const char *const lists[] = {"uchar int vertex_indices", "uint8 uint32 vertex_index", "int ushort vertex_indices"};
+    static const char *const lists[] = {"uchar int vertex_indices", "uint8 uint32 vertex_index",
+                                        "int ushort vertex_indices"};
     buffer b;
     for (int l = 0; l < 3; l++) {
         ply_header(&b, "ascii", l ? "float32" : "double", "element face 6", lists[l]);
@@ -149,8 +157,8 @@ static void binary_ply_is_read_in_either_byte_order(void **state) {
     buffer b;
     for (int swap = 0; swap < 2; swap++) {
         for (int wide = 0; wide < 2; wide++) {
-            ply_header(&b, swap ? "binary_big_endian" : "binary_little_endian", wide ? "double" : "float", "element face 6",
-                       wide ? "uint int vertex_indices" : "uchar short vertex_indices");
+            ply_header(&b, swap ? "binary_big_endian" : "binary_little_endian", wide ? "double" : "float",
+                       "element face 6", wide ? "uint int vertex_indices" : "uchar short vertex_indices");
             for (int v = 0; v < 8; v++) {
                 for (int a = 0; a < 3; a++) {
                     float narrow = (float)corners[v][a];

@@ -1,6 +1,6 @@
 /*
- * Tracers and solves against the truth: the trilinear field in quad precision, over families of rays in fields where methods fail.
- * test_lab RAYS runs the same claims with that many rays for each field and family (1500 without).
+ * Tracers and solves against the truth: the trilinear field in quad precision, over families of rays in fields where
+ * methods fail. test_lab RAYS runs the same claims with that many rays for each field and family (1500 without).
  */
 #include "fields.h"
 #include "lab/measure.h"
@@ -24,13 +24,15 @@ typedef struct fixture {
     df_scene scene;
 } fixture;
 
-static void open_scene(fixture *f, lab_shape shape, uint32_t size, double parameter, df_field_kind kind, uint32_t k, uint32_t levels) {
+static void open_scene(fixture *f, lab_shape shape, uint32_t size, double parameter, df_field_kind kind, uint32_t k,
+                       uint32_t levels) {
     const uint32_t count[3] = {size, size, size};
     const df_scene_options options = {.levels = levels, .coarse = kind == DF_FIELD_DENSE && levels == 1 ? 0 : k};
     df_error err;
     memset(f, 0, sizeof *f);
     f->surface = lab_surface_make(shape, size, parameter);
-    if (test_field_from_function(&f->field, kind, k, count, f->surface.value, &f->surface, &err)) fail_msg("%s", err.text);
+    if (test_field_from_function(&f->field, kind, k, count, f->surface.value, &f->surface, &err))
+        fail_msg("%s", err.text);
     if (df_scene_prepare(&f->field, 0, &options, &f->scene, &err)) fail_msg("%s", err.text);
 }
 
@@ -45,7 +47,8 @@ static void measure(const lab_run *run, lab_score *score) {
     if (lab_measure(run, score, &err)) fail_msg("%s", err.text);
 }
 
-/* No false hit, no false miss, no leak, no wrong face outside the tangent band; and positions to far below what float shows. */
+/* No false hit, no false miss, no leak, no wrong face outside the tangent band; and positions to far below what float
+ * shows. */
 static void the_default_method_makes_no_error(void **unused) {
     (void)unused;
     for (int shape = 0; shape < LAB_SHAPE_COUNT; shape++) {
@@ -53,7 +56,8 @@ static void the_default_method_makes_no_error(void **unused) {
         open_scene(&f, (lab_shape)shape, 64, 0, DF_FIELD_BRICKS, 8, 2);
         for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
             lab_score score;
-            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED, 0, ray_count, NULL, false, NULL};
+            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    NULL,  (lab_family)family,
+                                 LAB_SEED,       0,        ray_count,       NULL, false, NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
                 lab_print_failures(&run, &score);
@@ -75,11 +79,13 @@ static void thin_shells_are_traced_as_they_are_stored(void **unused) {
         open_scene(&f, LAB_SHELL, 64, widths[i], DF_FIELD_DENSE, 8, 2);
         for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
             lab_score score;
-            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 1, 0, ray_count / 3, NULL, false, NULL};
+            const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    NULL,  (lab_family)family,
+                                 LAB_SEED + 1,   0,        ray_count / 3,   NULL, false, NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
                 lab_print_failures(&run, &score);
-                fail_msg("shell of %g, %s: %d errors", widths[i], lab_family_names[family], (int)lab_score_errors(&score));
+                fail_msg("shell of %g, %s: %d errors", widths[i], lab_family_names[family],
+                         (int)lab_score_errors(&score));
             }
             assert_true(lab_histogram_quantile(&score.depth, 0.99) <= 1e-4);
         }
@@ -94,7 +100,8 @@ static void solves_that_see_only_the_ends_miss_pairs_of_crossings(void **unused)
     open_scene(&f, LAB_PAIRS, 64, 0, DF_FIELD_DENSE, 8, 2);
     for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
         lab_score score;
-        const lab_run run = {&df_tracer_dda, &f.scene, solve, 0, NULL, LAB_GRAZING, LAB_SEED, 0, 2 * ray_count, NULL, false, NULL};
+        const lab_run run = {&df_tracer_dda, &f.scene, solve,         0,    NULL,  LAB_GRAZING,
+                             LAB_SEED,       0,        2 * ray_count, NULL, false, NULL};
         measure(&run, &score);
         assert_int_equal(score.false_positive, 0);
         if (DF_SOLVE_ISOLATES(solve)) assert_int_equal(lab_score_errors(&score), 0);
@@ -109,19 +116,26 @@ static void tracers_and_structures_make_no_error_either(void **unused) {
     static const struct {
         df_field_kind kind;
         uint32_t k, levels;
-    } structures[] = {{DF_FIELD_DENSE, 8, 1}, {DF_FIELD_DENSE, 4, 2}, {DF_FIELD_DENSE, 8, 2}, {DF_FIELD_BRICKS, 4, 2}, {DF_FIELD_BRICKS, 8, 2}};
+    } structures[] = {{DF_FIELD_DENSE, 8, 1},
+                      {DF_FIELD_DENSE, 4, 2},
+                      {DF_FIELD_DENSE, 8, 2},
+                      {DF_FIELD_BRICKS, 4, 2},
+                      {DF_FIELD_BRICKS, 8, 2}};
     for (int s = 0; s < 5; s++) {
         fixture f;
         open_scene(&f, LAB_NOISE, 53, 2.5, structures[s].kind, structures[s].k, structures[s].levels);
         for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
-            if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL))) continue; /* pictures only */
+            if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL)))
+                continue; /* pictures only */
             for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
                 lab_score score;
-                const lab_run run = {*tracer, &f.scene, DF_SOLVE_ROBUST, 0, NULL, (lab_family)family, LAB_SEED + 2, 0, ray_count / 3, NULL, false, NULL};
+                const lab_run run = {*tracer,      &f.scene, DF_SOLVE_ROBUST, 0,    NULL,  (lab_family)family,
+                                     LAB_SEED + 2, 0,        ray_count / 3,   NULL, false, NULL};
                 measure(&run, &score);
                 if (lab_score_errors(&score)) {
                     lab_print_failures(&run, &score);
-                    fail_msg("%s, %s, %s", (*tracer)->name, df_scene_structure_name(&f.scene), lab_family_names[family]);
+                    fail_msg("%s, %s, %s", (*tracer)->name, df_scene_structure_name(&f.scene),
+                             lab_family_names[family]);
                 }
             }
         }
@@ -139,11 +153,15 @@ static void nothing_escapes_from_a_closed_field(void **unused) {
         open_scene(&f, shapes[i], 64, shapes[i] == LAB_NOISE ? 2.5 : 0, DF_FIELD_BRICKS, 8, 2);
         for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
             uint64_t rays, escapes, first;
-            if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL))) continue; /* pictures only */
+            if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL)))
+                continue; /* pictures only */
             for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
-                const lab_run run = {*tracer, &f.scene, solve, 0, NULL, LAB_INSIDE, LAB_SEED + 3, 0, 20 * ray_count, NULL, false, NULL};
+                const lab_run run = {*tracer,      &f.scene, solve,          0,    NULL,  LAB_INSIDE,
+                                     LAB_SEED + 3, 0,        20 * ray_count, NULL, false, NULL};
                 if (lab_count_escapes(&run, &rays, &escapes, &first, &err)) fail_msg("%s", err.text);
-                if (escapes) fail_msg("%s, %s, %s: ray %d escapes, and %d more", f.surface.name, (*tracer)->name, df_solve_names[solve], (int)first, (int)escapes - 1);
+                if (escapes)
+                    fail_msg("%s, %s, %s: ray %d escapes, and %d more", f.surface.name, (*tracer)->name,
+                             df_solve_names[solve], (int)first, (int)escapes - 1);
                 assert_true(rays == 20 * ray_count);
             }
         }
@@ -157,7 +175,8 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     fixture f;
     lab_score score;
     open_scene(&f, LAB_SPHERE, 64, 0, DF_FIELD_DENSE, 8, 2);
-    const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false, NULL};
+    const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    &f.surface, LAB_RANDOM,
+                         LAB_SEED,       0,        4 * ray_count,   NULL, false,      NULL};
     measure(&run, &score);
     const double median = lab_histogram_quantile(&score.depth, 0.5);
     if (median < 4e-3 || median > 1.2e-2) fail_msg("median %g", median); /* the rays meet the surface at all angles */
@@ -166,10 +185,12 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     const double widths[] = {0.1, 0.2, 0.4, 0.6, 0.9, 1.2}, lost[] = {98, 92, 61, 25, 0.3, 0.06};
     for (int i = 0; i < 6; i++) {
         open_scene(&f, LAB_SHELL, 64, widths[i], DF_FIELD_DENSE, 8, 2);
-        const lab_run shell = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, &f.surface, LAB_RANDOM, LAB_SEED, 0, 4 * ray_count, NULL, false, NULL};
+        const lab_run shell = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    &f.surface, LAB_RANDOM,
+                               LAB_SEED,       0,        4 * ray_count,   NULL, false,      NULL};
         measure(&shell, &score);
         const double part = 100.0 * (double)score.false_negative / (double)(score.true_positive + score.false_negative);
-        if (fabs(part - lost[i]) > 2) fail_msg("shell of %g: %.3g %% of the rays go through, expected %g %%", widths[i], part, lost[i]);
+        if (fabs(part - lost[i]) > 2)
+            fail_msg("shell of %g: %.3g %% of the rays go through, expected %g %%", widths[i], part, lost[i]);
         close_scene(&f);
     }
 }

@@ -1,8 +1,8 @@
 /* Claims about marching cubes: render/mesh/marching_cubes.h. */
+#include "common/memory.h"
 #include "fields.h"
 #include "mesh_check.h"
 #include "mesh_judge.h"
-#include "common/memory.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -40,7 +40,8 @@ static void make_noise(df_field *field, df_field_kind kind, uint64_t seed, uint3
     uint32_t count = samples + 1; /* voxels: the samples and a layer outside */
     noise n = {seed, count};
     df_error err;
-    assert_int_equal(test_field_from_function(field, kind, 8, (uint32_t[3]){count, count, count}, noise_value, &n, &err), DF_OK);
+    assert_int_equal(
+        test_field_from_function(field, kind, 8, (uint32_t[3]){count, count, count}, noise_value, &n, &err), DF_OK);
 }
 
 static void extract(const df_field *field, df_mc_params params, df_mesh *mesh) {
@@ -50,10 +51,12 @@ static void extract(const df_field *field, df_mc_params params, df_mesh *mesh) {
 
 static void assert_closed(const df_mesh *mesh, const char *what) {
     mesh_check check = check_mesh(mesh);
-    if (check.border_edges || check.crowded_edges || check.split_vertices || check.unused_vertices || check.degenerate) {
+    if (check.border_edges || check.crowded_edges || check.split_vertices || check.unused_vertices ||
+        check.degenerate) {
         fail_msg("%s: %llu border, %llu crowded edges, %llu split, %llu unused vertices, %llu degenerate", what,
-                 (unsigned long long)check.border_edges, (unsigned long long)check.crowded_edges, (unsigned long long)check.split_vertices,
-                 (unsigned long long)check.unused_vertices, (unsigned long long)check.degenerate);
+                 (unsigned long long)check.border_edges, (unsigned long long)check.crowded_edges,
+                 (unsigned long long)check.split_vertices, (unsigned long long)check.unused_vertices,
+                 (unsigned long long)check.degenerate);
     }
 }
 
@@ -66,7 +69,8 @@ static void random_fields_give_closed_manifolds(void **state) {
             df_mesh mesh;
             extract(&field, (df_mc_params){.method = (df_mc_method)method, .skip_normals = true}, &mesh);
             assert_closed(&mesh, method ? "classic" : "correct");
-            if (method == DF_MC_CORRECT) assert_int_equal(judge_mesh(mesh.positions, mesh.vertex_count, mesh.triangles, mesh.triangle_count), 1);
+            if (method == DF_MC_CORRECT)
+                assert_int_equal(judge_mesh(mesh.positions, mesh.vertex_count, mesh.triangles, mesh.triangle_count), 1);
             df_mesh_free(&mesh);
         }
         df_field_free(&field);
@@ -100,7 +104,8 @@ static void euler_characteristic_is_that_of_the_trilinear_surface(void **state) 
     print_message("  %u of 80 fields needed more than 12 subdivisions\n", finer);
 }
 
-/* An octree of 16^3 voxels, divided at random, over noise; hanging corners carry the coarser leaf's interpolated value. */
+/* An octree of 16^3 voxels, divided at random, over noise; hanging corners carry the coarser leaf's interpolated value.
+ */
 enum { ROOT = 16, LEVELS = 4, LATTICE = ROOT + 1 };
 typedef struct random_tree {
     float values[LATTICE * LATTICE * LATTICE];
@@ -117,7 +122,8 @@ static bool is_divided(const random_tree *tree, const uint32_t corner[3], uint32
 static void impose(random_tree *tree, const uint32_t corner[3], uint32_t side, uint32_t leaf_side) {
     if (is_divided(tree, corner, side)) {
         for (uint32_t c = 0; c < 8 && side > leaf_side; c++) {
-            uint32_t half = side / 2, child[3] = {corner[0] + (c & 1) * half, corner[1] + (c >> 1 & 1) * half, corner[2] + (c >> 2) * half};
+            uint32_t half = side / 2, child[3] = {corner[0] + (c & 1) * half, corner[1] + (c >> 1 & 1) * half,
+                                                  corner[2] + (c >> 2) * half};
             impose(tree, child, half, leaf_side);
         }
         return;
@@ -125,13 +131,16 @@ static void impose(random_tree *tree, const uint32_t corner[3], uint32_t side, u
     if (side != leaf_side) return;
     float corners[8];
     for (uint32_t c = 0; c < 8; c++) {
-        corners[c] = tree->values[corner[0] + (c & 1) * side + LATTICE * (corner[1] + (c >> 1 & 1) * side + LATTICE * (corner[2] + (c >> 2) * side))];
+        corners[c] =
+            tree->values[corner[0] + (c & 1) * side +
+                         LATTICE * (corner[1] + (c >> 1 & 1) * side + LATTICE * (corner[2] + (c >> 2) * side))];
     }
     for (uint32_t z = 0; z <= side; z++) {
         for (uint32_t y = 0; y <= side; y++) {
             for (uint32_t x = 0; x <= side; x++) {
                 double local[3] = {(double)x / side, (double)y / side, (double)z / side};
-                tree->values[corner[0] + x + LATTICE * (corner[1] + y + LATTICE * (corner[2] + z))] = (float)df_trilinear(corners, local);
+                tree->values[corner[0] + x + LATTICE * (corner[1] + y + LATTICE * (corner[2] + z))] =
+                    (float)df_trilinear(corners, local);
             }
         }
     }
@@ -149,18 +158,22 @@ static void make_random_tree(df_field *field, uint64_t seed) {
     for (uint32_t side = ROOT / 2; side > 1; side /= 2) impose(&tree, (uint32_t[3]){0}, ROOT, side);
     df_family *families = calloc(FAMILY_MAX, sizeof *families);
     float *samples = malloc(FAMILY_MAX * 27 * sizeof *samples);
-    uint32_t (*corners)[4] = calloc(FAMILY_MAX, sizeof *corners), count = 1;
+    uint32_t(*corners)[4] = calloc(FAMILY_MAX, sizeof *corners), count = 1;
     corners[0][3] = ROOT;
     for (uint32_t f = 0; f < count; f++) {
         uint32_t half = corners[f][3] / 2;
         for (uint32_t s = 0; s < 27; s++) {
-            samples[27 * f + s] = tree.values[corners[f][0] + s % 3 * half + LATTICE * (corners[f][1] + s / 3 % 3 * half + LATTICE * (corners[f][2] + s / 9 * half))];
+            samples[27 * f + s] =
+                tree.values[corners[f][0] + s % 3 * half +
+                            LATTICE * (corners[f][1] + s / 3 % 3 * half + LATTICE * (corners[f][2] + s / 9 * half))];
         }
         for (uint32_t c = 0; c < 8; c++) {
-            uint32_t child[4] = {corners[f][0] + (c & 1) * half, corners[f][1] + (c >> 1 & 1) * half, corners[f][2] + (c >> 2) * half, half};
+            uint32_t child[4] = {corners[f][0] + (c & 1) * half, corners[f][1] + (c >> 1 & 1) * half,
+                                 corners[f][2] + (c >> 2) * half, half};
             uint32_t inside = 0, state = DF_CHILD_FAMILY;
             for (uint32_t k = 0; k < 8; k++) {
-                inside += samples[27 * f + (c & 1) + (k & 1) + 3 * ((c >> 1 & 1) + (k >> 1 & 1) + 3 * ((c >> 2) + (k >> 2)))] < 0;
+                inside += samples[27 * f + (c & 1) + (k & 1) +
+                                  3 * ((c >> 1 & 1) + (k >> 1 & 1) + 3 * ((c >> 2) + (k >> 2)))] < 0;
             }
             if (is_divided(&tree, child, half)) {
                 if (!families[f].first_child) families[f].first_child = count;
@@ -172,8 +185,16 @@ static void make_random_tree(df_field *field, uint64_t seed) {
         }
     }
     free(corners);
-    *field = (df_field){.kind = DF_FIELD_ADF, .sample_type = DF_SAMPLE_F32, .voxel_count = {ROOT, ROOT, ROOT}, .voxel_size = {1, 1, 1},
-                        .error_max = -1, .error_rms = -1, .samples = samples, .families = families, .family_count = count, .level_count = LEVELS};
+    *field = (df_field){.kind = DF_FIELD_ADF,
+                        .sample_type = DF_SAMPLE_F32,
+                        .voxel_count = {ROOT, ROOT, ROOT},
+                        .voxel_size = {1, 1, 1},
+                        .error_max = -1,
+                        .error_rms = -1,
+                        .samples = samples,
+                        .families = families,
+                        .family_count = count,
+                        .level_count = LEVELS};
     df_field_own(field, families);
     df_field_own(field, samples);
     df_error err;
@@ -217,7 +238,10 @@ static void bytes_are_the_same_for_any_thread_count(void **state) {
         df_error err;
         if (kind == 0) make_noise(&field, DF_FIELD_DENSE, 1, 30);
         if (kind == 1) make_random_tree(&field, 3);
-        if (kind >= 2) assert_int_equal(test_field_sphere(&field, DF_FIELD_BRICKS, kind == 2 ? 8 : 4, (uint32_t[3]){61, 64, 67}, 24.3, &err), DF_OK);
+        if (kind >= 2)
+            assert_int_equal(
+                test_field_sphere(&field, DF_FIELD_BRICKS, kind == 2 ? 8 : 4, (uint32_t[3]){61, 64, 67}, 24.3, &err),
+                DF_OK);
         for (uint32_t i = 0; i < 3; i++) extract(&field, (df_mc_params){.thread_count = i == 2 ? 8 : i + 1}, &mesh[i]);
         assert_same_mesh(&mesh[0], &mesh[1]);
         assert_same_mesh(&mesh[0], &mesh[2]);
@@ -326,10 +350,12 @@ static double median_sphere_error(df_field_kind kind, bool *outward) {
             e[0][a] = mesh.positions[3 * (size_t)t[1] + (size_t)a] - mesh.positions[3 * (size_t)t[0] + (size_t)a];
             e[1][a] = mesh.positions[3 * (size_t)t[2] + (size_t)a] - mesh.positions[3 * (size_t)t[0] + (size_t)a];
         }
-        double facing = out[0] * (e[0][1] * e[1][2] - e[0][2] * e[1][1]) + out[1] * (e[0][2] * e[1][0] - e[0][0] * e[1][2]) +
+        double facing = out[0] * (e[0][1] * e[1][2] - e[0][2] * e[1][1]) +
+                        out[1] * (e[0][2] * e[1][0] - e[0][0] * e[1][2]) +
                         out[2] * (e[0][0] * e[1][1] - e[0][1] * e[1][0]);
         const float *n = mesh.normals + 3 * (size_t)t[0];
-        *outward = *outward && facing >= 0 && (double)n[0] * out[0] + (double)n[1] * out[1] + (double)n[2] * out[2] > 23;
+        *outward =
+            *outward && facing >= 0 && (double)n[0] * out[0] + (double)n[1] * out[1] + (double)n[2] * out[2] > 23;
     }
     qsort(errors, POINTS, sizeof *errors, compare_doubles);
     df_mesh_free(&mesh);
@@ -349,20 +375,20 @@ static void a_sphere_is_accurate_and_faces_outwards(void **state) {
     }
 }
 
-static double plane_value(const double grid[3], const void *context) {
-    return grid[2] - *(const double *)context;
-}
+static double plane_value(const double grid[3], const void *context) { return grid[2] - *(const double *)context; }
 
 static void a_surface_that_leaves_the_box_has_its_border_there(void **state) {
     (void)state;
     const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
     for (int i = 0; i < 3; i++) {
-        for (double height = 0; height <= 16; height += 8) { /* the upper plane of samples is on the surface at 16: nothing is outside */
+        for (double height = 0; height <= 16;
+             height += 8) { /* the upper plane of samples is on the surface at 16: nothing is outside */
             df_field field;
             df_mesh mesh;
             df_error err;
             double h = height == 0 ? 0.5 : height == 16 ? 15.75 : height;
-            assert_int_equal(test_field_from_function(&field, kinds[i], 8, (uint32_t[3]){16, 16, 16}, plane_value, &h, &err), DF_OK);
+            assert_int_equal(
+                test_field_from_function(&field, kinds[i], 8, (uint32_t[3]){16, 16, 16}, plane_value, &h, &err), DF_OK);
             extract(&field, (df_mc_params){0}, &mesh);
             mesh_check check = check_mesh(&mesh);
             assert_int_equal(mesh.vertex_count, 17 * 17);
@@ -385,7 +411,8 @@ static void other_isos_and_bad_ones(void **state) {
     extract(&field, (df_mc_params){.iso = 4}, &mesh);
     for (uint32_t v = 0; v < mesh.vertex_count; v++) {
         const double *p = mesh.positions + 3 * (size_t)v;
-        assert_true(fabs(sqrt((p[0] - 20) * (p[0] - 20) + (p[1] - 20) * (p[1] - 20) + (p[2] - 20) * (p[2] - 20)) - 14) < 0.02);
+        assert_true(fabs(sqrt((p[0] - 20) * (p[0] - 20) + (p[1] - 20) * (p[1] - 20) + (p[2] - 20) * (p[2] - 20)) - 14) <
+                    0.02);
     }
     df_mesh_free(&mesh);
     const float bad[] = {-10.5f, 30, INFINITY, NAN};

@@ -18,14 +18,16 @@
 static void rays_through_corners_and_edges_of_a_cube_hit_it(void **unused) {
     (void)unused;
     const double corners[24] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 0, 1, 1, 0, 1, 0, 1, 1, 1, 1, 1};
-    const uint32_t faces[36] = {0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
+    const uint32_t faces[36] = {0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4,
+                                2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
     lab_mesh *mesh;
     df_truth truth;
     assert_int_equal(lab_mesh_make(corners, 8, faces, 12, &mesh, NULL), DF_OK);
     for (int i = 0; i < 125; i++) { /* to a lattice of the surface's points: corners, edges, diagonals */
         const double target[3] = {i % 5 / 4.0, i / 5 % 5 / 4.0, i / 25 / 4.0};
         const bool on_surface = i % 5 % 4 == 0 || i / 5 % 5 % 4 == 0 || i / 25 % 4 == 0;
-        const double origin[3] = {0.375, 0.5, 0.4375}, direction[3] = {target[0] - 0.375, target[1] - 0.5, target[2] - 0.4375};
+        const double origin[3] = {0.375, 0.5, 0.4375},
+                     direction[3] = {target[0] - 0.375, target[1] - 0.5, target[2] - 0.4375};
         if (!on_surface) continue;
         lab_mesh_trace(mesh, origin, direction, &truth);
         assert_true(truth.hit && truth.back && fabs((double)truth.t - 1) < 1e-12);
@@ -42,7 +44,9 @@ static void extract(const df_field *field, lab_mesh **mesh) {
     df_mesh triangles = {0};
     df_error err;
     if (df_mesh_extract(field, "test", &params, &triangles, &err)) fail_msg("%s", err.text);
-    if (lab_mesh_make(triangles.positions, triangles.vertex_count, triangles.triangles, triangles.triangle_count, mesh, &err)) fail_msg("%s", err.text);
+    if (lab_mesh_make(triangles.positions, triangles.vertex_count, triangles.triangles, triangles.triangle_count, mesh,
+                      &err))
+        fail_msg("%s", err.text);
     df_mesh_free(&triangles);
 }
 
@@ -72,8 +76,9 @@ static int compare_doubles(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* T40: the distance of marching cubes from the trilinear surface falls with the radius only: for spheres of 3, 6, 12 and 24 voxels its
- * median is 1.7e-2, 5.0e-3, 2.2e-3 and 1.1e-3 voxel and its largest 3.5e-2 to 4.6e-3, where the default method has 1e-14. */
+/* T40: the distance of marching cubes from the trilinear surface falls with the radius only: for spheres of 3, 6, 12
+ * and 24 voxels its median is 1.7e-2, 5.0e-3, 2.2e-3 and 1.1e-3 voxel and its largest 3.5e-2 to 4.6e-3, where the
+ * default method has 1e-14. */
 static void marching_cubes_is_off_by_what_its_facets_leave(void **unused) {
     (void)unused;
     const double radii[] = {3, 6, 12, 24};

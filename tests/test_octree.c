@@ -1,6 +1,6 @@
 /*
- * Octrees whose levels do not fit (T29): the truth jumps on faces between leaves, and every tracer must hit where it jumps to the other side,
- * lose nothing and add nothing. Random T-junctions at the surface, in all families of rays.
+ * Octrees whose levels do not fit (T29): the truth jumps on faces between leaves, and every tracer must hit where it
+ * jumps to the other side, lose nothing and add nothing. Random T-junctions at the surface, in all families of rays.
  */
 #include "fields.h"
 #include "lab/measure.h"
@@ -54,11 +54,18 @@ static void leaves_that_do_not_fit_lose_no_hit(void **unused) {
             for (int family = 0; family < LAB_FAMILY_COUNT; family++) {
                 lab_score score = {0};
                 df_error err;
-                const lab_run run = {.tracer = *tracer, .scene = &f.scene, .solve = DF_SOLVE_ROBUST, .family = (lab_family)family, .seed = LAB_SEED, .count = ray_count};
+                const lab_run run = {.tracer = *tracer,
+                                     .scene = &f.scene,
+                                     .solve = DF_SOLVE_ROBUST,
+                                     .family = (lab_family)family,
+                                     .seed = LAB_SEED,
+                                     .count = ray_count};
                 if (lab_measure(&run, &score, &err)) fail_msg("%s", err.text);
                 if (!lab_score_errors(&score)) continue;
-                print_error("%s, %g left: %s, %s: %d false hits, %d false misses, %d leaks, %d wrong faces of %d\n", lab_shape_names[shapes[s % 4]], keep[s / 4], (*tracer)->name,
-                            lab_family_names[family], (int)score.false_positive, (int)score.false_negative, (int)score.leaks, (int)score.wrong_face, (int)score.rays);
+                print_error("%s, %g left: %s, %s: %d false hits, %d false misses, %d leaks, %d wrong faces of %d\n",
+                            lab_shape_names[shapes[s % 4]], keep[s / 4], (*tracer)->name, lab_family_names[family],
+                            (int)score.false_positive, (int)score.false_negative, (int)score.leaks,
+                            (int)score.wrong_face, (int)score.rays);
                 lab_print_failures(&run, &score);
                 wrong++;
             }
@@ -78,9 +85,16 @@ static void nothing_escapes_from_a_closed_octree(void **unused) {
         for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
             uint64_t rays, escapes, first;
             df_error err;
-            const lab_run run = {.tracer = *tracer, .scene = &f.scene, .solve = solve, .family = LAB_INSIDE, .seed = LAB_SEED + 3, .count = 40 * ray_count};
+            const lab_run run = {.tracer = *tracer,
+                                 .scene = &f.scene,
+                                 .solve = solve,
+                                 .family = LAB_INSIDE,
+                                 .seed = LAB_SEED + 3,
+                                 .count = 40 * ray_count};
             if (lab_count_escapes(&run, &rays, &escapes, &first, &err)) fail_msg("%s", err.text);
-            if (escapes) fail_msg("%s, %s: ray %d escapes, and %d more", (*tracer)->name, df_solve_names[solve], (int)first, (int)escapes - 1);
+            if (escapes)
+                fail_msg("%s, %s: ray %d escapes, and %d more", (*tracer)->name, df_solve_names[solve], (int)first,
+                         (int)escapes - 1);
         }
     }
     close_octree(&f);

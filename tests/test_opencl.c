@@ -1,10 +1,11 @@
-/* OpenCL against the scalar tracer. With --full: every structure, sample type, solve and gradient; otherwise pairs of them. */
+/* OpenCL against the scalar tracer. With --full: every structure, sample type, solve and gradient; otherwise pairs of
+ * them. */
 #include "common/memory.h"
 #include "fields.h"
-#include "render/methods/gradient.h"
 #include "render/devices.h"
-#include "render/opencl/opencl_frame.h"
+#include "render/methods/gradient.h"
 #include "render/methods/solve_methods.h"
+#include "render/opencl/opencl_frame.h"
 #include "tracing.h"
 
 #include <math.h>
@@ -62,7 +63,8 @@ typedef struct structure {
     df_scene_options scene;
 } structure;
 static const structure structures[] = {
-    {DF_FIELD_DENSE, 0, {1, 0}}, {DF_FIELD_DENSE, 0, {2, 8}}, {DF_FIELD_DENSE, 0, {2, 4}}, {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_BRICKS, 4, {0, 0}},
+    {DF_FIELD_DENSE, 0, {1, 0}},  {DF_FIELD_DENSE, 0, {2, 8}},  {DF_FIELD_DENSE, 0, {2, 4}},
+    {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_BRICKS, 4, {0, 0}},
 };
 enum { STRUCTURE_COUNT = sizeof structures / sizeof structures[0] };
 
@@ -75,7 +77,6 @@ static void make_scene(const structure *form, df_sample_type type, float iso, df
     if (type != DF_SAMPLE_F32) quantise(field, type);
     assert_int_equal(df_scene_prepare(field, iso, &form->scene, scene, &err), DF_OK);
 }
-
 
 static void alloc_picture(const df_view *view, df_picture *picture) {
     const uint64_t pixels = (uint64_t)view->width * view->height;
@@ -100,14 +101,16 @@ static void assert_same_picture(const df_picture *a, const df_picture *b) {
     assert_memory_equal(a->normals, b->normals, pixels * 12);
 }
 
-static void make_view(const df_field *field, double azimuth, double elevation, double distance, uint32_t width, uint32_t height, df_view *view) {
+static void make_view(const df_field *field, double azimuth, double elevation, double distance, uint32_t width,
+                      uint32_t height, df_view *view) {
     df_camera camera = {.fov_y = 1};
     df_error err;
     df_camera_orbit(field, azimuth, elevation, distance, &camera);
     assert_int_equal(df_view_make(&camera, field, width, height, view, &err), DF_OK);
 }
 
-static void scalar_picture(const df_scene *scene, int solve, int gradient, const df_view *view, df_picture *picture, df_frame_stats *stats) {
+static void scalar_picture(const df_scene *scene, int solve, int gradient, const df_view *view, df_picture *picture,
+                           df_frame_stats *stats) {
     const df_frame_options options = {&df_tracer_dda, solve, 0, gradient, 64, 2, NULL, 0, false};
     df_renderer *renderer;
     df_error err;
@@ -132,12 +135,13 @@ static void compare(const df_picture *expected, const df_picture *got, int solve
     }
     for (size_t i = 0; i < (size_t)got->width * got->height; i++) {
         assert_int_equal(isinf(expected->depth[i]), isinf(got->depth[i]));
-        if (!isinf(got->depth[i])) assert_true(fabsf(expected->depth[i] - got->depth[i]) <= 1e-5f + expected->depth[i] * 0x1p-22f);
+        if (!isinf(got->depth[i]))
+            assert_true(fabsf(expected->depth[i] - got->depth[i]) <= 1e-5f + expected->depth[i] * 0x1p-22f);
     }
 }
 
-/* The scalar picture and the device's are the same bytes, whatever its tracer; for the closed form, whose functions are the device's own, within
- * 1e-5. */
+/* The scalar picture and the device's are the same bytes, whatever its tracer; for the closed form, whose functions are
+ * the device's own, within 1e-5. */
 static void compare_pictures(const df_scene *scene, int solve, int gradient, const df_view *view) {
     df_picture expected = {0}, got = {0};
     df_error err;
@@ -145,7 +149,8 @@ static void compare_pictures(const df_scene *scene, int solve, int gradient, con
     alloc_picture(view, &got);
     scalar_picture(scene, solve, gradient, view, &expected, NULL);
     for (df_opencl_tracer tracer = DF_OPENCL_DDA; tracer < DF_OPENCL_TRACER_COUNT; tracer++) {
-        if (!full && tracer == DF_OPENCL_CGT && scene->field->sample_type != DF_SAMPLE_F32) continue; /* kernels take seconds to build */
+        if (!full && tracer == DF_OPENCL_CGT && scene->field->sample_type != DF_SAMPLE_F32)
+            continue; /* kernels take seconds to build */
         df_opencl_renderer *renderer = open_renderer(scene, tracer, solve, gradient);
         memset(got.rgb, 1, 3u * view->width * view->height);
         assert_int_equal(df_opencl_renderer_rows(renderer, view, 0, view->height, &got, NULL, &err), DF_OK);
@@ -168,7 +173,8 @@ static void pictures_are_those_of_the_scalar_tracer(void **state) {
             make_view(&field, 30 * s, 20, 1.3, 93, 71, &view);
             for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
                 for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
-                    if (full || gradient == (solve + s + (int)type) % DF_GRADIENT_COUNT) compare_pictures(&scene, solve, gradient, &view);
+                    if (full || gradient == (solve + s + (int)type) % DF_GRADIENT_COUNT)
+                        compare_pictures(&scene, solve, gradient, &view);
                 }
             }
             df_scene_free(&scene);
@@ -208,8 +214,10 @@ static void gradients_from_images_are_those_from_buffers(void **state) {
         make_view(&field, 30, 20, 1.1, 80, 60, &view);
         alloc_picture(&view, &expected);
         alloc_picture(&view, &got);
-        for (int gradient = type == DF_SAMPLE_F32 || full ? 0 : DF_GRADIENT_COUNT - 1; gradient < DF_GRADIENT_COUNT; gradient++) {
-            const df_opencl_options options = {.solve = DF_SOLVE_ROBUST, .gradient = gradient, .images = true, .log = stderr};
+        for (int gradient = type == DF_SAMPLE_F32 || full ? 0 : DF_GRADIENT_COUNT - 1; gradient < DF_GRADIENT_COUNT;
+             gradient++) {
+            const df_opencl_options options = {
+                .solve = DF_SOLVE_ROBUST, .gradient = gradient, .images = true, .log = stderr};
             df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
             if (status == DF_ERROR_UNSUPPORTED && strstr(err.text, "images")) {
                 printf("no images: %s\n", err.text);
@@ -287,8 +295,10 @@ static void strips_of_rows_make_the_picture_and_counts_are_equal(void **state) {
     df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
     const uint32_t cuts[] = {0, 0, 1, 9, 50, 83, 83};
     for (size_t i = 0; i + 1 < sizeof cuts / sizeof cuts[0]; i++) {
-        assert_int_equal(df_opencl_renderer_rows(renderer, &view, cuts[i], cuts[i + 1] - cuts[i], &got, &times, &err), DF_OK);
-        assert_true(cuts[i] == cuts[i + 1] || (times.trace_ms > 0 && times.shade_ms > 0 && times.host_end_ms > times.host_start_ms));
+        assert_int_equal(df_opencl_renderer_rows(renderer, &view, cuts[i], cuts[i + 1] - cuts[i], &got, &times, &err),
+                         DF_OK);
+        assert_true(cuts[i] == cuts[i + 1] ||
+                    (times.trace_ms > 0 && times.shade_ms > 0 && times.host_end_ms > times.host_start_ms));
     }
     assert_same_picture(&expected, &got);
     assert_int_equal(df_opencl_renderer_count(renderer, &view, &hitting, &counters, &err), DF_OK);
@@ -318,7 +328,9 @@ static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
         make_scene(&structures[s], DF_SAMPLE_F32, 0, &field, &scene);
         const double box[3] = {scene.voxel_count[0], scene.voxel_count[1], scene.voxel_count[2]};
         test_random_rays(COUNT, 77 + (uint64_t)s, box, origins, directions);
-        assert_int_equal(test_trace(&df_tracer_dda, &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT, &rays, expected, &err), DF_OK);
+        assert_int_equal(
+            test_trace(&df_tracer_dda, &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT, &rays, expected, &err),
+            DF_OK);
         df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
         assert_int_equal(df_hits_alloc(COUNT, &hits, &err), DF_OK);
         assert_int_equal(df_opencl_renderer_trace(renderer, &rays, &hits, NULL, &err), DF_OK);
@@ -378,7 +390,9 @@ static void a_kernel_that_does_not_build_names_its_file_and_line(void **state) {
     size_t log_size;
     FILE *stream = open_memstream(&log, &log_size);
     assert_int_equal(df_opencl_open(&devices[device], &opened, &err), DF_OK);
-    assert_int_equal(df_opencl_build_source(&opened, "#line 41 \"render/opencl/wrong.cl\"\n__kernel void f() { nothing(; }\n", "", stream, &err),
+    assert_int_equal(df_opencl_build_source(&opened,
+                                            "#line 41 \"render/opencl/wrong.cl\"\n__kernel void f() { nothing(; }\n",
+                                            "", stream, &err),
                      DF_ERROR_UNSUPPORTED);
     fclose(stream);
     assert_non_null(strstr(err.text, "wrong.cl:41"));
@@ -402,8 +416,11 @@ static void work_groups_of_any_shape_make_the_same_picture_or_are_refused(void *
     alloc_picture(&view, &got);
     scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
     for (int i = 0; i < 8; i++) {
-        const df_opencl_options options = {
-            .tracer = i < 4 ? DF_OPENCL_DDA : DF_OPENCL_CGT, .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .group = {groups[i % 4][0], groups[i % 4][1]}, .log = stderr};
+        const df_opencl_options options = {.tracer = i < 4 ? DF_OPENCL_DDA : DF_OPENCL_CGT,
+                                           .solve = DF_SOLVE_ROBUST,
+                                           .gradient = DF_GRADIENT_CENTRAL,
+                                           .group = {groups[i % 4][0], groups[i % 4][1]},
+                                           .log = stderr};
         df_opencl_renderer *renderer;
         df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
         assert_int_equal(status, i % 4 < 3 ? DF_OK : DF_ERROR_UNSUPPORTED);
@@ -420,18 +437,21 @@ static void work_groups_of_any_shape_make_the_same_picture_or_are_refused(void *
 
 /* ---- calls that fail ---- */
 
-static cl_int fail_launch(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset, const size_t *global,
-                          const size_t *local, cl_uint wait_count, const cl_event *wait, cl_event *event) {
-    (void)queue, (void)kernel, (void)dimensions, (void)offset, (void)global, (void)local, (void)wait_count, (void)wait, (void)event;
+static cl_int fail_launch(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions, const size_t *offset,
+                          const size_t *global, const size_t *local, cl_uint wait_count, const cl_event *wait,
+                          cl_event *event) {
+    (void)queue, (void)kernel, (void)dimensions, (void)offset, (void)global, (void)local, (void)wait_count, (void)wait,
+        (void)event;
     return CL_OUT_OF_RESOURCES;
 }
 static cl_int fail_finish(cl_command_queue queue) {
     (void)queue;
     return CL_DEVICE_NOT_AVAILABLE;
 }
-static cl_int fail_read(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset, size_t size, void *data, cl_uint wait_count,
-                        const cl_event *wait, cl_event *event) {
-    (void)queue, (void)memory, (void)blocking, (void)offset, (void)size, (void)data, (void)wait_count, (void)wait, (void)event;
+static cl_int fail_read(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset, size_t size, void *data,
+                        cl_uint wait_count, const cl_event *wait, cl_event *event) {
+    (void)queue, (void)memory, (void)blocking, (void)offset, (void)size, (void)data, (void)wait_count, (void)wait,
+        (void)event;
     return CL_OUT_OF_HOST_MEMORY;
 }
 static cl_mem fail_buffer(cl_context context, cl_mem_flags flags, size_t size, void *data, cl_int *code) {
@@ -440,7 +460,8 @@ static cl_mem fail_buffer(cl_context context, cl_mem_flags flags, size_t size, v
     return NULL;
 }
 static cl_context fail_context(const cl_context_properties *properties, cl_uint count, const cl_device_id *ids,
-                               void(CL_CALLBACK *notify)(const char *, const void *, size_t, void *), void *data, cl_int *code) {
+                               void(CL_CALLBACK *notify)(const char *, const void *, size_t, void *), void *data,
+                               cl_int *code) {
     (void)properties, (void)count, (void)ids, (void)notify, (void)data;
     *code = CL_DEVICE_NOT_AVAILABLE;
     return NULL;
@@ -464,17 +485,20 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
     df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL), *other;
 
     api->EnqueueNDRangeKernel = fail_launch;
-    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_UNSUPPORTED);
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err),
+                     DF_ERROR_UNSUPPORTED);
     assert_non_null(strstr(err.text, "clEnqueueNDRangeKernel failed with CL_OUT_OF_RESOURCES"));
     *api = whole;
     api->Finish = fail_finish;
-    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_UNSUPPORTED);
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err),
+                     DF_ERROR_UNSUPPORTED);
     assert_non_null(strstr(err.text, "clFinish failed with CL_DEVICE_NOT_AVAILABLE"));
     *api = whole;
     api->EnqueueReadBuffer = fail_read;
     assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_ERROR_MEMORY);
     *api = whole;
-    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err), DF_OK); /* and works again */
+    assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err),
+                     DF_OK); /* and works again */
     api->CreateBuffer = fail_buffer;
     assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &other, &err), DF_ERROR_MEMORY);
     assert_non_null(strstr(err.text, "CL_MEM_OBJECT_ALLOCATION_FAILURE"));
@@ -515,8 +539,10 @@ static void device_lists_are_parsed(void **state) {
     assert_int_equal(choice.numbers[1], DF_DEVICE_CPU);
     assert_int_equal(df_devices_parse("auto", &choice, &err), DF_OK);
     assert_true(choice.automatic);
-    const char *const wrong[] = {"", "gpu", "cpu,cpu", "opencl:", "opencl:x", "opencl:-1", "cpu,", "both,cpu",
-                                 "opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl"};
+    const char *const wrong[] = {
+        "",        "gpu",      "cpu,cpu",
+        "opencl:", "opencl:x", "opencl:-1",
+        "cpu,",    "both,cpu", "opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl,opencl"};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         assert_int_equal(df_devices_parse(wrong[i], &choice, &err), DF_ERROR_USAGE);
     }

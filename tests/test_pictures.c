@@ -1,6 +1,7 @@
 /*
- * Every tracer draws the same picture, bit for bit, with every instruction set: in fields full of trouble, from afar, from close by, from
- * inside the box and from inside the surface, straight along an axis, and with an eye on a grid point.
+ * Every tracer draws the same picture, bit for bit, with every instruction set: in fields full of trouble, from afar,
+ * from close by, from inside the box and from inside the surface, straight along an axis, and with an eye on a grid
+ * point.
  */
 #include "fields.h"
 #include "lab/surface.h"
@@ -47,7 +48,8 @@ typedef struct images {
 static bool draw(const df_scene *scene, const df_frame_options *options, const df_view *view, images *out) {
     df_renderer *renderer;
     df_error err;
-    const df_picture picture = {.width = WIDTH, .height = HEIGHT, .rgb = out->rgb, .depth = out->depth, .normals = out->normals};
+    const df_picture picture = {
+        .width = WIDTH, .height = HEIGHT, .rgb = out->rgb, .depth = out->depth, .normals = out->normals};
     if (options->tracer->suits && !options->tracer->suits(scene, view)) return false;
     if (df_renderer_open(scene, options, WIDTH, HEIGHT, &renderer, &err)) fail_msg("%s", err.text);
     if (df_renderer_frame(renderer, view, &picture, NULL, &err)) fail_msg("%s", err.text);
@@ -58,14 +60,15 @@ static bool draw(const df_scene *scene, const df_frame_options *options, const d
 static int compare(const images *a, const images *b, const char *what) {
     int differ = 0, first = -1;
     for (int i = 0; i < PIXELS; i++) {
-        bool same = memcmp(&a->depth[i], &b->depth[i], sizeof(float)) == 0 && memcmp(&a->normals[3 * i], &b->normals[3 * i], 3 * sizeof(float)) == 0 &&
+        bool same = memcmp(&a->depth[i], &b->depth[i], sizeof(float)) == 0 &&
+                    memcmp(&a->normals[3 * i], &b->normals[3 * i], 3 * sizeof(float)) == 0 &&
                     memcmp(&a->rgb[3 * i], &b->rgb[3 * i], 3) == 0;
         if (!same && first < 0) first = i;
         differ += !same;
     }
     if (differ) {
-        print_error("%s: %d pixels differ, the first is %d,%d at depth %.9g and %.9g\n", what, differ, first % WIDTH, first / WIDTH,
-                    (double)a->depth[first], (double)b->depth[first]);
+        print_error("%s: %d pixels differ, the first is %d,%d at depth %.9g and %.9g\n", what, differ, first % WIDTH,
+                    first / WIDTH, (double)a->depth[first], (double)b->depth[first]);
     }
     return differ;
 }
@@ -84,7 +87,8 @@ static int check_view(const df_scene *scene, const char *field, const view_case 
         camera.up[a] = v->up[a];
     }
     if (df_view_make(&camera, scene->field, WIDTH, HEIGHT, &view, &err)) fail_msg("%s", err.text);
-    df_frame_options options = {.tracer = &df_tracer_dda, .solve = solve, .gradient = DF_GRADIENT_CORNER_CENTRAL, .tile = 32, .threads = 2};
+    df_frame_options options = {
+        .tracer = &df_tracer_dda, .solve = solve, .gradient = DF_GRADIENT_CORNER_CENTRAL, .tile = 32, .threads = 2};
     if (df_kernels_select("scalar", &options.kernels, &err)) fail_msg("%s", err.text);
     draw(scene, &options, &view, &reference);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -93,7 +97,8 @@ static int check_view(const df_scene *scene, const char *field, const view_case 
             if (df_kernels_select(isas[i], &options.kernels, &err)) continue; /* not of this machine */
             options.tracer = *tracer;
             if (!draw(scene, &options, &view, &other)) continue;
-            snprintf(what, sizeof what, "%s, %s, %s, %s, %s", field, v->name, df_solve_names[solve], (*tracer)->name, isas[i]);
+            snprintf(what, sizeof what, "%s, %s, %s, %s, %s", field, v->name, df_solve_names[solve], (*tracer)->name,
+                     isas[i]);
             wrong += compare(&reference, &other, what) != 0;
         }
     }
@@ -112,7 +117,8 @@ static void every_tracer_draws_the_same_picture(void **unused) {
             df_field field = {0};
             df_scene scene;
             df_error err;
-            if (test_field_from_function(&field, (df_field_kind)kind, 8, count, surface.value, &surface, &err)) fail_msg("%s", err.text);
+            if (test_field_from_function(&field, (df_field_kind)kind, 8, count, surface.value, &surface, &err))
+                fail_msg("%s", err.text);
             if (df_scene_prepare(&field, 0, &options, &scene, &err)) fail_msg("%s", err.text);
             for (int v = 0; v < VIEW_COUNT; v++) {
                 wrong += check_view(&scene, surface.name, &views[v], DF_SOLVE_ROBUST);

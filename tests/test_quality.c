@@ -3,8 +3,8 @@
 #include "lab/surface.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
-#include "render/quality.h"
 #include "render/methods/solve_methods.h"
+#include "render/quality.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -22,7 +22,8 @@ static void open_field(lab_shape shape, uint32_t size, df_field *field) {
     const lab_surface surface = lab_surface_make(shape, size, 0);
     df_error err;
     memset(field, 0, sizeof *field);
-    if (test_field_from_function(field, DF_FIELD_BRICKS, 8, count, surface.value, &surface, &err)) fail_msg("%s", err.text);
+    if (test_field_from_function(field, DF_FIELD_BRICKS, 8, count, surface.value, &surface, &err))
+        fail_msg("%s", err.text);
     field->error_rms = -1;
 }
 
@@ -60,14 +61,16 @@ static void draw(const df_scene *scene, const df_view *view, int solve, int step
     df_error err;
     df_renderer *renderer;
     const df_picture picture = {.width = SIZE, .height = SIZE, .depth = depth};
-    df_frame_options options = {.tracer = &df_tracer_dda, .solve = solve, .steps = steps, .gradient = gradient, .tile = 64, .threads = 1};
+    df_frame_options options = {
+        .tracer = &df_tracer_dda, .solve = solve, .steps = steps, .gradient = gradient, .tile = 64, .threads = 1};
     if (df_kernels_select("auto", &options.kernels, &err)) fail_msg("%s", err.text);
     if (df_renderer_open(scene, &options, SIZE, SIZE, &renderer, &err)) fail_msg("%s", err.text);
     if (df_renderer_frame(renderer, view, &picture, NULL, &err)) fail_msg("%s", err.text);
     df_renderer_close(renderer);
 }
 
-/* No pixel is lost or won, and 99 of 100 depths stay within the bound; also in fields that the table of errors was not made of. */
+/* No pixel is lost or won, and 99 of 100 depths stay within the bound; also in fields that the table of errors was not
+ * made of. */
 static void the_choice_keeps_its_promise(void **unused) {
     (void)unused;
     const double distances[] = {0.9, 1.6, 5, 20};
@@ -96,7 +99,9 @@ static void the_choice_keeps_its_promise(void **unused) {
                 hits++;
                 over += fabs((double)depth[0][p] - (double)depth[1][p]) > quality.bound;
             }
-            if (over * 100 > hits) fail_msg("%s at %g: %d of %d depths are off by more than %g", lab_shape_names[shape], distances[i], over, hits, quality.bound);
+            if (over * 100 > hits)
+                fail_msg("%s at %g: %d of %d depths are off by more than %g", lab_shape_names[shape], distances[i],
+                         over, hits, quality.bound);
         }
         df_scene_free(&scene);
         df_field_free(&field);

@@ -34,7 +34,8 @@ static void check_signs(df_field_kind kind, df_sample_type type) {
         float was = decoded(&exact, i), is = decoded(&field, i);
         assert_int_equal(was < 0, is < 0);
         if (was == 0) assert_true(is == 0 && !signbit(is));
-        assert_true(fabs((double)was - (double)is) <= (type == DF_SAMPLE_U16 ? 2e-3 : 0.6)); /* voxels; the largest value is about 30 */
+        assert_true(fabs((double)was - (double)is) <=
+                    (type == DF_SAMPLE_U16 ? 2e-3 : 0.6)); /* voxels; the largest value is about 30 */
     }
     assert_true(df_field_surface_voxel_count(&field) == df_field_surface_voxel_count(&exact));
     df_field_free(&field);
@@ -106,7 +107,8 @@ static void octrees_keep_their_surface(void **state) {
             df_field_query(&field, p, &is);
             largest = fmax(largest, fabs(is.value));
         }
-        /* leaves at the surface share corners with leaves up to four times as large, whose values stay below 16: half a step of those */
+        /* leaves at the surface share corners with leaves up to four times as large, whose values stay below 16: half a
+         * step of those */
         assert_true(largest > 0 && largest <= (type == DF_SAMPLE_U16 ? 2.5e-4 : 0.065));
         df_field_free(&field);
         df_field_free(&exact);

@@ -23,8 +23,8 @@ static void numpy_reader_agrees(df_field_kind kind) {
     for (size_t i = 0; i < sizeof points / sizeof points[0]; i++) {
         float expected;
         df_field_sample(&field, points[i], &expected);
-        snprintf(command, sizeof command, "%s/pipelines/read_dfield.py %s %u %u %u", DF_SOURCE_FOLDER, path, points[i][0],
-                 points[i][1], points[i][2]);
+        snprintf(command, sizeof command, "%s/pipelines/read_dfield.py %s %u %u %u", DF_SOURCE_FOLDER, path,
+                 points[i][0], points[i][1], points[i][2]);
         FILE *pipe = popen(command, "r");
         assert_non_null(pipe);
         assert_non_null(fgets(line, sizeof line, pipe));

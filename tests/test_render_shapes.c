@@ -20,8 +20,8 @@ typedef struct variant {
     df_field_kind kind;
     uint32_t k, levels;
 } variant;
-static const variant variants[] = {
-    {DF_FIELD_DENSE, 8, 1}, {DF_FIELD_DENSE, 8, 2}, {DF_FIELD_DENSE, 4, 2}, {DF_FIELD_BRICKS, 8, 2}, {DF_FIELD_BRICKS, 4, 2}, {DF_FIELD_ADF, 0, 0}};
+static const variant variants[] = {{DF_FIELD_DENSE, 8, 1},  {DF_FIELD_DENSE, 8, 2},  {DF_FIELD_DENSE, 4, 2},
+                                   {DF_FIELD_BRICKS, 8, 2}, {DF_FIELD_BRICKS, 4, 2}, {DF_FIELD_ADF, 0, 0}};
 enum { VARIANT_COUNT = sizeof variants / sizeof variants[0] };
 
 typedef struct fixture {
@@ -29,7 +29,8 @@ typedef struct fixture {
     df_scene scene;
 } fixture;
 
-static void open_variant(fixture *f, const variant *v, const uint32_t count[3], test_function function, const void *context, float iso) {
+static void open_variant(fixture *f, const variant *v, const uint32_t count[3], test_function function,
+                         const void *context, float iso) {
     df_error err;
     memset(f, 0, sizeof *f);
     if (test_field_from_function(&f->field, v->kind, v->k, count, function, context, &err)) fail_msg("%s", err.text);
@@ -60,7 +61,8 @@ static void trace(fixture *f, const df_tracer *tracer, int solve, uint32_t count
     set->directions = malloc(3 * sizeof(double) * count);
     set->hits = malloc(sizeof *set->hits * count);
     test_random_rays(count, seed, box, set->origins, set->directions);
-    if (test_trace(tracer, &f->scene, solve, 0, set->origins, set->directions, count, &set->rays, set->hits, &err)) fail_msg("%s", err.text);
+    if (test_trace(tracer, &f->scene, solve, 0, set->origins, set->directions, count, &set->rays, set->hits, &err))
+        fail_msg("%s", err.text);
 }
 
 static void free_set(ray_set *set) {
@@ -84,7 +86,8 @@ static double sphere_distance(const double p[3], const void *context) {
 
 static double torus_distance(const double p[3], const void *context) {
     const sphere *s = context; /* the ring's radius; the tube is a third */
-    double x = p[0] - s->centre[0], y = p[1] - s->centre[1], z = p[2] - s->centre[2], q = sqrt(x * x + z * z) - s->radius;
+    double x = p[0] - s->centre[0], y = p[1] - s->centre[1], z = p[2] - s->centre[2],
+           q = sqrt(x * x + z * z) - s->radius;
     return sqrt(q * q + y * y) - s->radius / 3;
 }
 
@@ -140,8 +143,10 @@ static void every_hit_lies_on_the_sphere_and_none_is_missed(void **unused) {
             double p[3], nearest = approach(&set, i, s.centre);
             if (set.hits[i].hit) {
                 position_of(&set, i, set.hits[i].t, p);
-                if (fabs(sphere_distance(p, &s)) > 0.02) fail_msg("ray %u hits %g voxels off", i, sphere_distance(p, &s));
-                if (nearest > s.radius + 0.02) fail_msg("ray %u hits though it passes %g outside", i, nearest - s.radius);
+                if (fabs(sphere_distance(p, &s)) > 0.02)
+                    fail_msg("ray %u hits %g voxels off", i, sphere_distance(p, &s));
+                if (nearest > s.radius + 0.02)
+                    fail_msg("ray %u hits though it passes %g outside", i, nearest - s.radius);
                 hits++;
             } else if (nearest < s.radius - 0.02) {
                 fail_msg("ray %u misses though it passes %g inside", i, s.radius - nearest);
@@ -162,7 +167,9 @@ static void rays_that_start_inside_hit_back_faces(void **unused) {
     open_variant(&f, &variants[3], count, sphere_distance, &s, 0);
     trace(&f, &df_tracer_dda, DF_SOLVE_ROBUST, RAYS, 2, &set);
     for (uint32_t i = 0; i < RAYS; i++) {
-        double start = sphere_distance((double[3]){(double)set.rays.origin[0][i], (double)set.rays.origin[1][i], (double)set.rays.origin[2][i]}, &s);
+        double start = sphere_distance(
+            (double[3]){(double)set.rays.origin[0][i], (double)set.rays.origin[1][i], (double)set.rays.origin[2][i]},
+            &s);
         if (fabs(start) < 0.02) continue;
         if (start < 0) assert_true(set.hits[i].hit);
         if (set.hits[i].hit) assert_int_equal(set.hits[i].flags & DF_HIT_BACK, start < 0 ? DF_HIT_BACK : 0);
@@ -186,7 +193,8 @@ static void structures_agree_to_the_bit(void **unused) {
                 reference = set;
             } else {
                 for (uint32_t i = 0; i < RAYS / 4; i++) {
-                    if (!test_same_hit(&set.hits[i], &reference.hits[i])) fail_msg("solve %d, variant %d, ray %u", solve, v, i);
+                    if (!test_same_hit(&set.hits[i], &reference.hits[i]))
+                        fail_msg("solve %d, variant %d, ray %u", solve, v, i);
                 }
                 free_set(&set);
             }
@@ -239,7 +247,9 @@ static void a_box_on_grid_planes_is_watertight(void **unused) {
         df_rays rays;
         df_error err;
         open_variant(&f, &variants[v], count, box_distance, NULL, 0);
-        if (test_trace(tracer_of(&variants[v]), &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, N, &rays, hits, &err)) fail_msg("%s", err.text);
+        if (test_trace(tracer_of(&variants[v]), &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, N, &rays, hits,
+                       &err))
+            fail_msg("%s", err.text);
         for (uint32_t i = 0; i < N; i++) {
             if (!hits[i].hit) fail_msg("ray %u slips through the box (variant %d)", i, v);
             if (fabs(hits[i].t - 24) > 1e-6) fail_msg("ray %u hits at %.9g, not 24", i, hits[i].t);
@@ -298,7 +308,8 @@ static void a_far_eye_sees_the_same_as_a_near_one(void **unused) {
         for (int a = 0; a < 3; a++) o[a] = 32 + offset[a] - 1e6 * d[a];
     }
     open_variant(&f, &variants[3], count, sphere_distance, &s, 0);
-    if (test_trace(&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, n, &rays, hits, &err)) fail_msg("%s", err.text);
+    if (test_trace(&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, origins, directions, n, &rays, hits, &err))
+        fail_msg("%s", err.text);
     for (uint32_t i = 0; i < n; i++) {
         double dd = 0, od = 0, oo = 0, p[3], largest = 0;
         for (int a = 0; a < 3; a++) largest = fmax(largest, fabs(directions[3 * i + a]));
@@ -327,7 +338,8 @@ static void bad_rays_are_refused(void **unused) {
     df_rays rays;
     df_error err;
     double scale;
-    const double box[3] = {8, 8, 8}, sound[3] = {1, 2, 3}, bad[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, -INFINITY, 1}};
+    const double box[3] = {8, 8, 8}, sound[3] = {1, 2, 3},
+                 bad[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, -INFINITY, 1}};
     assert_int_equal(df_rays_alloc(1, true, &rays, &err), DF_OK);
     for (int i = 0; i < 4; i++) {
         assert_false(df_rays_set(&rays, 0, box, sound, bad[i], &scale));
@@ -338,7 +350,8 @@ static void bad_rays_are_refused(void **unused) {
 
 /* ---- pictures ---- */
 
-static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t tile, uint32_t threads, uint8_t *rgb, float *depth, float *normals) {
+static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t tile, uint32_t threads, uint8_t *rgb,
+                   float *depth, float *normals) {
     df_camera camera;
     df_view view;
     df_error err;
@@ -346,7 +359,8 @@ static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t t
     df_camera_orbit(&f->field, 40, 25, 1.6, &camera);
     camera.fov_y = 1;
     if (df_view_make(&camera, &f->field, width, height, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options options = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, tile, threads, NULL, 0, false};
+    const df_frame_options options = {
+        &df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, tile, threads, NULL, 0, false};
     if (df_renderer_open(&f->scene, &options, width, height, &renderer, &err)) fail_msg("%s", err.text);
     const df_picture picture = {width, height, rgb, depth, normals};
     if (df_renderer_frame(renderer, &view, &picture, NULL, &err)) fail_msg("%s", err.text);

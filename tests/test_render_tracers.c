@@ -58,14 +58,15 @@ static void draw(const df_scene *scene, const df_view *view, const df_frame_opti
 }
 
 /* Draws a view with everything that can and compares with the scalar 3DDDA. Returns the number of pixels that hit. */
-static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint32_t width, uint32_t height, uint32_t tile, int solve,
-                            int gradient, const char *name) {
+static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint32_t width, uint32_t height,
+                            uint32_t tile, int solve, int gradient, const char *name) {
     df_view view;
     df_error err;
     uint32_t hits = 0;
     picture reference = new_picture(width, height), other = new_picture(width, height);
     if (df_view_make(camera, scene->field, width, height, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options plain = {scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL, 0, false};
+    const df_frame_options plain = {
+        scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL, 0, false};
     draw(scene, &view, &plain, &reference);
     for (uint32_t i = 0; i < width * height; i++) hits += isfinite(reference.depth[i]);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -75,10 +76,11 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
             if (df_kernels_select(isas[isa], &options.kernels, &err) != DF_OK) continue;
             draw(scene, &view, &options, &other);
             for (uint32_t i = 0; i < width * height; i++) {
-                if (memcmp(&reference.depth[i], &other.depth[i], 4) || memcmp(reference.normals + 3 * i, other.normals + 3 * i, 12) ||
+                if (memcmp(&reference.depth[i], &other.depth[i], 4) ||
+                    memcmp(reference.normals + 3 * i, other.normals + 3 * i, 12) ||
                     memcmp(reference.rgb + 3 * i, other.rgb + 3 * i, 3)) {
-                    fail_msg("%s: %s, %s, pixel %u,%u: depth %.9g instead of %.9g", name, (*tracer)->name, isas[isa], i % width,
-                             i / width, (double)other.depth[i], (double)reference.depth[i]);
+                    fail_msg("%s: %s, %s, pixel %u,%u: depth %.9g instead of %.9g", name, (*tracer)->name, isas[isa],
+                             i % width, i / width, (double)other.depth[i], (double)reference.depth[i]);
                 }
             }
         }
@@ -88,7 +90,8 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
     return hits;
 }
 
-static void open_scene(df_field *field, df_scene *scene, df_field_kind kind, uint32_t k, double n, test_function function) {
+static void open_scene(df_field *field, df_scene *scene, df_field_kind kind, uint32_t k, double n,
+                       test_function function) {
     const uint32_t count[3] = {(uint32_t)n, (uint32_t)n, (uint32_t)n};
     const df_scene_options options = {0};
     df_error err;
@@ -118,7 +121,8 @@ static void tracers_agree_on_pictures(void **unused) {
             snprintf(name, sizeof name, "kind %d view %d", i, view);
             df_camera_orbit(&field, 67.0 * view, 29.0 * view - 70, 0.7 + 0.3 * view, &camera);
             camera.fov_y = 1;
-            assert_true(compare_all(&scene, &camera, 203, 151, 64, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, name) > 1000);
+            assert_true(compare_all(&scene, &camera, 203, 151, 64, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, name) >
+                        1000);
         }
         close_scene(&field, &scene);
     }
@@ -148,7 +152,8 @@ static void tracers_agree_where_rays_run_along_the_grid(void **unused) {
     df_scene scene;
     df_camera camera;
     open_scene(&field, &scene, DF_FIELD_BRICKS, 8, 48, cube);
-    static const double eyes[][3] = {{24, 24, 100}, {24, 24, -60}, {100, 24, 24}, {84, 24, 84}, {84, 84, 84}, {-40, 24, 88}, {24, 90, 24.5}};
+    static const double eyes[][3] = {{24, 24, 100}, {24, 24, -60}, {100, 24, 24}, {84, 24, 84},
+                                     {84, 84, 84},  {-40, 24, 88}, {24, 90, 24.5}};
     for (int i = 0; i < 7; i++) {
         char name[32];
         snprintf(name, sizeof name, "eye %d", i);
@@ -170,7 +175,8 @@ static void tracers_agree_from_inside_and_afar(void **unused) {
     df_field field;
     df_scene scene;
     open_scene(&field, &scene, DF_FIELD_BRICKS, 8, 48, rings);
-    static const double eyes[][3] = {{24, 24, 24}, {40.3, 24.2, 24.1}, {24, 33, 28}, {0, 0, 0}, {47, 25, 3}, {1e6, 3e5, -2e5}, {48, 24, 24}, {39.5, 24, 24}};
+    static const double eyes[][3] = {{24, 24, 24}, {40.3, 24.2, 24.1}, {24, 33, 28}, {0, 0, 0},
+                                     {47, 25, 3},  {1e6, 3e5, -2e5},   {48, 24, 24}, {39.5, 24, 24}};
     for (int i = 0; i < 8; i++) {
         char name[32];
         snprintf(name, sizeof name, "eye %d", i);
@@ -189,9 +195,11 @@ static void tracers_agree_at_every_size_of_picture_and_tile(void **unused) {
     open_scene(&field, &scene, DF_FIELD_BRICKS, 4, 20, rings);
     df_camera_orbit(&field, -50, 20, 1, &camera);
     camera.fov_y = 1;
-    static const uint32_t sizes[][3] = {{1, 1, 64}, {1, 40, 8}, {37, 1, 5}, {33, 65, 32}, {17, 16, 1}, {64, 64, 64}, {100, 100, 500}, {63, 31, 7}};
+    static const uint32_t sizes[][3] = {{1, 1, 64},  {1, 40, 8},   {37, 1, 5},      {33, 65, 32},
+                                        {17, 16, 1}, {64, 64, 64}, {100, 100, 500}, {63, 31, 7}};
     for (int i = 0; i < 8; i++) {
-        compare_all(&scene, &camera, sizes[i][0], sizes[i][1], sizes[i][2], DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, "size");
+        compare_all(&scene, &camera, sizes[i][0], sizes[i][1], sizes[i][2], DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL,
+                    "size");
     }
     close_scene(&field, &scene);
 }
@@ -213,7 +221,8 @@ static void cgt_agrees_for_every_packet_with_and_without_clipping(void **unused)
     draw(&scene, &view, &plain, &reference);
     for (uint32_t packet = 1; packet <= DF_CGT_PACKET_MAX; packet *= 2) {
         for (int clip = 0; clip < 2; clip++) {
-            df_frame_options options = {&df_tracer_cgt, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 48, 2, NULL, packet, !clip};
+            df_frame_options options = {&df_tracer_cgt, DF_SOLVE_ROBUST, 0,    DF_GRADIENT_CENTRAL, 48, 2,
+                                        NULL,           packet,          !clip};
             if (df_kernels_select("auto", &options.kernels, &err)) fail_msg("%s", err.text);
             draw(&scene, &view, &options, &other);
             assert_memory_equal(reference.depth, other.depth, W * H * sizeof(float));

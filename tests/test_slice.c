@@ -28,7 +28,8 @@ static void every_structure_shows_the_same_sides(void **state) {
             assert_int_equal(width, lrint(ceil(voxels[right] * scale - 1e-6)));
             assert_int_equal(height, lrint(ceil(voxels[up] * scale - 1e-6)));
             for (uint32_t i = 0; i < width * height; i++) {
-                double x = (i % width + 0.5) / scale - voxels[right] / 2.0, y = (i / width + 0.5 - height + voxels[up] * scale / 2) / scale;
+                double x = (i % width + 0.5) / scale - voxels[right] / 2.0,
+                       y = (i / width + 0.5 - height + voxels[up] * scale / 2) / scale;
                 double distance = sqrt(x * x + y * y) - radius;
                 const uint8_t *pixel = rgb + 3 * (size_t)i;
                 if (fabs(distance) * scale < 0.3) black += pixel[0] < 60 && pixel[2] < 60;

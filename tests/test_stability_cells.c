@@ -1,10 +1,11 @@
 /*
- * The stability cases that live in one voxel. Each case is a field given by a formula, a ray, the true position of the first
- * crossing, and for each cell solve what must happen there: that it holds, to a bound, or that it fails in the documented way. A
- * method that stops failing fails the test too: that is news. The default method, robust, holds in all.
+ * The stability cases that live in one voxel. Each case is a field given by a formula, a ray, the true position of the
+ * first crossing, and for each cell solve what must happen there: that it holds, to a bound, or that it fails in the
+ * documented way. A method that stops failing fails the test too: that is news. The default method, robust, holds in
+ * all.
  *
- * Positions are in voxels along the ray, t * |direction|. The bounds of the methods that hold only roughly are those measured, rounded
- * up; "off" is the least error that the failure has.
+ * Positions are in voxels along the ray, t * |direction|. The bounds of the methods that hold only roughly are those
+ * measured, rounded up; "off" is the least error that the failure has.
  */
 #include "fields.h"
 #include "lab/random.h"
@@ -49,20 +50,52 @@ typedef struct cell_case {
     expectations expected;
 } cell_case;
 
-static double two_planes(double x, double y, double z, double p) { (void)z; (void)p; return (x - .4) * (y - .6); }
-static double three_planes(double x, double y, double z, double p) { (void)p; return (x - .2) * (y - .5) * (z - .8); }
-static double three_planes_near(double x, double y, double z, double p) { (void)p; return (x - .1) * (y - .35) * (z - .4); }
-static double saddle(double x, double y, double z, double gap) { (void)z; return (x - .5) * (y - .5) - gap; }
+static double two_planes(double x, double y, double z, double p) {
+    (void)z;
+    (void)p;
+    return (x - .4) * (y - .6);
+}
+static double three_planes(double x, double y, double z, double p) {
+    (void)p;
+    return (x - .2) * (y - .5) * (z - .8);
+}
+static double three_planes_near(double x, double y, double z, double p) {
+    (void)p;
+    return (x - .1) * (y - .35) * (z - .4);
+}
+static double saddle(double x, double y, double z, double gap) {
+    (void)z;
+    return (x - .5) * (y - .5) - gap;
+}
 static double triple(double x, double y, double z, double gap) { return (x - .5) * (y - .5) * (z - .5) - gap; }
-static double hyperbola(double x, double y, double z, double p) { (void)p; return x * y * z - 1e-3; }
-static double plane(double x, double y, double z, double p) { (void)p; return .3 * x + .5 * y + .7 * z - .6; }
+static double hyperbola(double x, double y, double z, double p) {
+    (void)p;
+    return x * y * z - 1e-3;
+}
+static double plane(double x, double y, double z, double p) {
+    (void)p;
+    return .3 * x + .5 * y + .7 * z - .6;
+}
 static double small_cubic(double x, double y, double z, double r) { return -.35 + .5 * x + .4 * x * y + r * x * y * z; }
-static double small_quadratic(double x, double y, double z, double p) { (void)z; (void)p; return x + 1e-6 * x * y - .5; }
-static double nothing(double x, double y, double z, double p) { (void)x; (void)y; (void)z; (void)p; return 0; }
+static double small_quadratic(double x, double y, double z, double p) {
+    (void)z;
+    (void)p;
+    return x + 1e-6 * x * y - .5;
+}
+static double nothing(double x, double y, double z, double p) {
+    (void)x;
+    (void)y;
+    (void)z;
+    (void)p;
+    return 0;
+}
 
-#define H(bound) {HOLDS, bound}
-#define M {MISSES, 0}
-#define O(bound) {OFF, bound}
+#define H(bound) \
+    { HOLDS, bound }
+#define M \
+    { MISSES, 0 }
+#define O(bound) \
+    { OFF, bound }
 
 #include "stability_cells.h"
 
@@ -72,12 +105,17 @@ static void fill(const cell_case *c, float corners[8]) {
 }
 
 static void one_voxel(const float corners[8], df_field *field) {
-    *field = (df_field){.kind = DF_FIELD_DENSE, .sample_type = DF_SAMPLE_F32, .voxel_count = {1, 1, 1}, .voxel_size = {1, 1, 1}, .samples = corners};
+    *field = (df_field){.kind = DF_FIELD_DENSE,
+                        .sample_type = DF_SAMPLE_F32,
+                        .voxel_count = {1, 1, 1},
+                        .voxel_size = {1, 1, 1},
+                        .samples = corners};
     if (df_field_finish(field, "one voxel", NULL) != DF_OK) fail_msg("not a field");
 }
 
 /* Traces one ray through a field with the reference tracer. */
-static test_hit trace_one(const df_field *field, float iso, int solve, const double origin[3], const double direction[3]) {
+static test_hit trace_one(const df_field *field, float iso, int solve, const double origin[3],
+                          const double direction[3]) {
     const df_scene_options options = {.levels = 1};
     df_scene scene;
     df_rays rays;
@@ -92,9 +130,7 @@ static test_hit trace_one(const df_field *field, float iso, int solve, const dou
     return hit;
 }
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
+static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static int check(const cell_case *c, int solve) {
     const expectation *e = &c->expected.of[solve];
@@ -116,7 +152,11 @@ static int check(const cell_case *c, int solve) {
     if (as_expected) return 0;
     print_error("%s with %s: %s", c->id, df_solve_names[solve], hit.hit ? "" : "a miss");
     if (hit.hit) print_error("%g voxels off", error);
-    print_error(", expected %s %g\n", e->outcome == MISSES || c->t < 0 ? "a miss" : e->outcome == HOLDS ? "at most" : "at least", e->bound);
+    print_error(", expected %s %g\n",
+                e->outcome == MISSES || c->t < 0 ? "a miss"
+                : e->outcome == HOLDS            ? "at most"
+                                                 : "at least",
+                e->bound);
     return 1;
 }
 
@@ -130,11 +170,14 @@ static void every_case_in_a_voxel_is_as_documented(void **state) {
     assert_int_equal(wrong, 0);
 }
 
-/* T17: nothing is flushed to zero, down to fields of subnormal numbers; where a caller has the processor flush, those are lost. */
+/* T17: nothing is flushed to zero, down to fields of subnormal numbers; where a caller has the processor flush, those
+ * are lost. */
 static void a_subnormal_field_is_traced_unless_the_processor_flushes(void **state) {
     (void)state;
-    const cell_case tiny = {"T17", two_planes, 0, 1e-40, {0, 0, 0.5}, {1, 1, 0}, .4, {{M, M, M, O(0.03), H(1e-4), H(1e-4)}}};
-    const cell_case small = {"T17", two_planes, 0, 1e-20, {0, 0, 0.5}, {1, 1, 0}, .4, {{M, M, M, O(0.03), H(1e-9), H(1e-9)}}};
+    const cell_case tiny = {"T17",       two_planes, 0,  1e-40,
+                            {0, 0, 0.5}, {1, 1, 0},  .4, {{M, M, M, O(0.03), H(1e-4), H(1e-4)}}};
+    const cell_case small = {"T17",       two_planes, 0,  1e-20,
+                             {0, 0, 0.5}, {1, 1, 0},  .4, {{M, M, M, O(0.03), H(1e-9), H(1e-9)}}};
     int wrong = 0;
     for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) wrong += check(&tiny, solve) + check(&small, solve);
     assert_int_equal(wrong, 0);
@@ -181,7 +224,8 @@ static void interpolation_is_exact_at_both_ends(void **state) {
     for (int i = 0; i < 4; i++) {
         assert_true(df_lerp_f32(pairs[i][0], pairs[i][1], 0) == pairs[i][0]);
         assert_true(df_lerp_f32(pairs[i][0], pairs[i][1], 1) == pairs[i][1]);
-        assert_true(df_trilinear((float[]){pairs[i][0], pairs[i][1], 0, 0, 0, 0, 0, 0}, (double[]){1, 0, 0}) == (double)pairs[i][1]);
+        assert_true(df_trilinear((float[]){pairs[i][0], pairs[i][1], 0, 0, 0, 0, 0, 0}, (double[]){1, 0, 0}) ==
+                    (double)pairs[i][1]);
     }
 }
 
@@ -191,7 +235,11 @@ static void a_corner_that_is_not_finite_is_refused(void **state) {
     const float bad[] = {INFINITY, -INFINITY, NAN};
     for (int i = 0; i < 3; i++) {
         float corners[8] = {0, 1, 2, 3, bad[i], 1, 1, 1};
-        df_field field = {.kind = DF_FIELD_DENSE, .sample_type = DF_SAMPLE_F32, .voxel_count = {1, 1, 1}, .voxel_size = {1, 1, 1}, .samples = corners};
+        df_field field = {.kind = DF_FIELD_DENSE,
+                          .sample_type = DF_SAMPLE_F32,
+                          .voxel_count = {1, 1, 1},
+                          .voxel_size = {1, 1, 1},
+                          .samples = corners};
         assert_int_equal(df_field_finish(&field, "bad", NULL), DF_ERROR_FORMAT);
         df_field_free(&field);
     }
@@ -219,7 +267,8 @@ static void both_voxels_of_a_face_see_the_same_value(void **state) {
         for (int c = 0; c < 8; c++) corner[0][c] = corner[1][c] = (float)lab_random(&seed, -1, 1);
         for (int c = 0; c < 4; c++) { /* the corners of the face */
             const int at = (c & 1) << u | (c >> 1) << v, upper = 1 << axis;
-            const int first = cell[0][axis] < cell[1][axis] ? at | upper : at, second = cell[0][axis] < cell[1][axis] ? at : at | upper;
+            const int first = cell[0][axis] < cell[1][axis] ? at | upper : at,
+                      second = cell[0][axis] < cell[1][axis] ? at : at | upper;
             corner[1][second] = corner[0][first];
         }
         if (!df_cell_segment_f32(origin, direction, inverse, 0, cell[0], 1, &segment[0])) continue;
@@ -227,7 +276,8 @@ static void both_voxels_of_a_face_see_the_same_value(void **state) {
         if (segment[0].t_out != segment[1].t_in) continue; /* the ray goes by another voxel */
         df_bernstein_f32(corner[0], segment[0].a, segment[0].b, bern[0]);
         df_bernstein_f32(corner[1], segment[1].a, segment[1].b, bern[1]);
-        if (memcmp(&bern[0][3], &bern[1][0], sizeof(float)) != 0) fail_msg("face %d: %.9g and %.9g", i, (double)bern[0][3], (double)bern[1][0]);
+        if (memcmp(&bern[0][3], &bern[1][0], sizeof(float)) != 0)
+            fail_msg("face %d: %.9g and %.9g", i, (double)bern[0][3], (double)bern[1][0]);
         compared++;
     }
     assert_true(compared > 800000);

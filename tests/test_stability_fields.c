@@ -1,7 +1,7 @@
 /*
- * The stability cases of rays through fields. Those of one voxel are in test_stability_cells.c; T33 in test_lab.c. Elsewhere:
- * T37 test_field_file.c and fuzz/ (headers that overflow), T40 and T41 test_mc_mesh.c (marching cubes), T43 test_render_shapes.c (normals of a
- * stretched grid).
+ * The stability cases of rays through fields. Those of one voxel are in test_stability_cells.c; T33 in test_lab.c.
+ * Elsewhere: T37 test_field_file.c and fuzz/ (headers that overflow), T40 and T41 test_mc_mesh.c (marching cubes), T43
+ * test_render_shapes.c (normals of a stretched grid).
  */
 #include "fields.h"
 #include "lab/measure.h"
@@ -31,7 +31,11 @@ typedef struct bundle {
 } bundle;
 
 static void bundle_open(bundle *b, uint32_t count) {
-    *b = (bundle){count, calloc(3 * (size_t)count, sizeof(double)), calloc(3 * (size_t)count, sizeof(double)), {0}, calloc(count, sizeof *b->hits)};
+    *b = (bundle){count,
+                  calloc(3 * (size_t)count, sizeof(double)),
+                  calloc(3 * (size_t)count, sizeof(double)),
+                  {0},
+                  calloc(count, sizeof *b->hits)};
     if (!b->origins || !b->directions || !b->hits) fail_msg("no memory");
 }
 
@@ -53,7 +57,8 @@ static void bundle_trace(bundle *b, const df_tracer *tracer, const df_field *fie
     const df_scene_options options = {0};
     df_rays_free(&b->rays);
     if (df_scene_prepare(field, 0, &options, &scene, &err)) fail_msg("%s", err.text);
-    if (test_trace(tracer, &scene, solve, steps, b->origins, b->directions, b->count, &b->rays, b->hits, &err)) fail_msg("%s", err.text);
+    if (test_trace(tracer, &scene, solve, steps, b->origins, b->directions, b->count, &b->rays, b->hits, &err))
+        fail_msg("%s", err.text);
     df_scene_free(&scene);
 }
 
@@ -65,9 +70,7 @@ static void traced_ray(const bundle *b, uint32_t i, double origin[3], double dir
     }
 }
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
+static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 /* Voxels between a hit and the truth; INFINITY where one of them misses, 0 where both do or the ray is tangent. */
 static double hit_error(const bundle *b, const df_field *field, uint32_t i) {
@@ -138,7 +141,8 @@ static void t14_a_box_on_grid_planes_is_hit_by_every_solve(void **unused) {
     for (uint32_t i = 0; i < RAYS; i++) {
         double o[3], d[3] = {0, 0, 0};
         const uint32_t axis = i % 3;
-        for (uint32_t a = 0; a < 3; a++) o[a] = i % 2 ? 17 + lab_random_index(&seed, 30) : lab_random(&seed, 16.1, 47.9);
+        for (uint32_t a = 0; a < 3; a++)
+            o[a] = i % 2 ? 17 + lab_random_index(&seed, 30) : lab_random(&seed, 16.1, 47.9);
         d[axis] = lab_random_index(&seed, 2) ? 1 : -1;
         o[axis] = 32 - 40 * d[axis];
         set_ray(&b, i, o, d);
@@ -208,8 +212,10 @@ static void t19_a_far_origin_costs_nothing(void **unused) {
         for (uint32_t i = 0; i < b.count; i++) {
             double p[3];
             assert_true(b.hits[i].hit);
-            if (solve == DF_SOLVE_ROBUST && hit_error(&b, &field, i) > 1e-7) fail_msg("ray %u: %g", i, hit_error(&b, &field, i));
-            for (int a = 0; a < 3; a++) p[a] = b.origins[3 * i + (uint32_t)a] + b.hits[i].t / 0.8 * b.directions[3 * i + (uint32_t)a];
+            if (solve == DF_SOLVE_ROBUST && hit_error(&b, &field, i) > 1e-7)
+                fail_msg("ray %u: %g", i, hit_error(&b, &field, i));
+            for (int a = 0; a < 3; a++)
+                p[a] = b.origins[3 * i + (uint32_t)a] + b.hits[i].t / 0.8 * b.directions[3 * i + (uint32_t)a];
             assert_true(fabs(centred_sphere(p, sphere)) < 0.03);
         }
     }
@@ -232,7 +238,9 @@ static void t21_rays_in_the_faces_of_the_box_are_traced(void **unused) {
     }
     bundle_trace(&b, &df_tracer_dda, &field, DF_SOLVE_ROBUST, 0);
     for (uint32_t i = 0; i < 24; i++) {
-        if (!b.hits[i].hit) fail_msg("the ray from %g %g along %g %g misses", b.origins[3 * i], b.origins[3 * i + 1], b.directions[3 * i], b.directions[3 * i + 1]);
+        if (!b.hits[i].hit)
+            fail_msg("the ray from %g %g along %g %g misses", b.origins[3 * i], b.origins[3 * i + 1],
+                     b.directions[3 * i], b.directions[3 * i + 1]);
         assert_true(fabs(b.hits[i].t - 1.5) < 1e-6);
     }
     bundle_close(&b);
@@ -357,7 +365,8 @@ static void t31_rays_that_leave_the_surface_do_not_hit_it_again(void **unused) {
     for (uint32_t i = 0; i < b.count; i++) {
         double p[3], n[3], d[3];
         assert_true(b.hits[i].hit);
-        for (int a = 0; a < 3; a++) p[a] = b.hits[i].cell[a] + (double)b.hits[i].local[a]; /* not o + t d: no distance in it */
+        for (int a = 0; a < 3; a++)
+            p[a] = b.hits[i].cell[a] + (double)b.hits[i].local[a]; /* not o + t d: no distance in it */
         for (int a = 0; a < 3; a++) n[a] = (p[a] - 32) / 20;
         lab_random_direction(&seed, d);
         const double up = d[0] * n[0] + d[1] * n[1] + d[2] * n[2];
@@ -392,15 +401,17 @@ static void t32_normals_are_always_unit_vectors(void **unused) {
                 df_gradient(method, stencil, (const float[]){0.5f, 0.5f, 0.5f}, gradient);
                 df_shade_normal(gradient, unit, toward_eye, normal);
                 const float length = sqrtf(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-                if (!(fabsf(length - 1) < 1e-5f)) fail_msg("field %d * %g, %s: length %g", field, (double)scales[s], df_gradient_names[method], (double)length);
+                if (!(fabsf(length - 1) < 1e-5f))
+                    fail_msg("field %d * %g, %s: length %g", field, (double)scales[s], df_gradient_names[method],
+                             (double)length);
                 if (field == 2) assert_true(fabsf(normal[0]) > 0.999f);
             }
         }
     }
 }
 
-/* Flat faces make the cubic term rounding noise. Known: the closed form finds every hit, being kept in its bracket, but some of them far
- * off, in double too. */
+/* Flat faces make the cubic term rounding noise. Known: the closed form finds every hit, being kept in its bracket, but
+ * some of them far off, in double too. */
 static void t34_planar_faces_at_odd_angles_are_solved(void **unused) {
     (void)unused;
     df_field field;
@@ -428,13 +439,17 @@ static void t35_quantised_samples_are_solved(void **unused) {
     const size_t total = (SIZE + 1) * (SIZE + 1) * (SIZE + 1);
     for (int bits = 8; bits <= 16; bits += 8) {
         const int exponent = bits == 8 ? -5 : -13, zero = 1 << (bits - 1);
-        df_field field = {.kind = DF_FIELD_DENSE, .sample_type = bits == 8 ? DF_SAMPLE_U8 : DF_SAMPLE_U16, .voxel_count = {SIZE, SIZE, SIZE},
-                          .voxel_size = {1, 1, 1}, .step_exponent = exponent};
+        df_field field = {.kind = DF_FIELD_DENSE,
+                          .sample_type = bits == 8 ? DF_SAMPLE_U8 : DF_SAMPLE_U16,
+                          .voxel_count = {SIZE, SIZE, SIZE},
+                          .voxel_size = {1, 1, 1},
+                          .step_exponent = exponent};
         uint8_t *bytes = malloc(total * 2);
         uint16_t *words = (uint16_t *)(void *)bytes;
         bundle b;
         for (size_t i = 0; i < total; i++) {
-            const double p[3] = {(double)(i % (SIZE + 1)), (double)(i / (SIZE + 1) % (SIZE + 1)), (double)(i / (SIZE + 1) / (SIZE + 1))};
+            const double p[3] = {(double)(i % (SIZE + 1)), (double)(i / (SIZE + 1) % (SIZE + 1)),
+                                 (double)(i / (SIZE + 1) / (SIZE + 1))};
             const double steps = rint(ldexp(centred_sphere(p, sphere), -exponent));
             const int q = zero + (int)fmin(zero - 1, fmax(-zero, steps));
             if (bits == 8) bytes[i] = (uint8_t)q;
@@ -460,8 +475,8 @@ static void t35_quantised_samples_are_solved(void **unused) {
     }
 }
 
-/* A step count is a bound on work: few steps cost accuracy, never a hit. Known: five steps leave one hit in a hundred by more than
- * 1e-5 voxel. */
+/* A step count is a bound on work: few steps cost accuracy, never a hit. Known: five steps leave one hit in a hundred
+ * by more than 1e-5 voxel. */
 static void t36_few_steps_lose_accuracy_and_no_hits(void **unused) {
     (void)unused;
     df_field field;
@@ -476,7 +491,8 @@ static void t36_few_steps_lose_accuracy_and_no_hits(void **unused) {
         worst[s] = 0;
         for (uint32_t i = 0; i < b.count; i++) worst[s] = fmax(worst[s], hit_error(&b, &field, i));
     }
-    if (!(worst[0] < 0.95 && worst[0] > worst[1] && worst[1] > worst[2] && worst[2] < 1e-7)) fail_msg("%g %g %g", worst[0], worst[1], worst[2]);
+    if (!(worst[0] < 0.95 && worst[0] > worst[1] && worst[1] > worst[2] && worst[2] < 1e-7))
+        fail_msg("%g %g %g", worst[0], worst[1], worst[2]);
     bundle_close(&b);
     df_field_free(&field);
 }
@@ -522,7 +538,8 @@ static void t42_a_ray_in_the_upper_grid_plane_is_clamped(void **unused) {
     bundle b;
     make(&field, (const uint32_t[3]){9, 9, 9}, plane_value, &wall);
     bundle_open(&b, 4);
-    for (uint32_t i = 0; i < 4; i++) set_ray(&b, i, (double[]){i & 1 ? 9 : 4.5, -1, i & 2 ? 9 : 4.5}, (double[]){0, 1, 0});
+    for (uint32_t i = 0; i < 4; i++)
+        set_ray(&b, i, (double[]){i & 1 ? 9 : 4.5, -1, i & 2 ? 9 : 4.5}, (double[]){0, 1, 0});
     bundle_trace(&b, &df_tracer_dda, &field, DF_SOLVE_ROBUST, 0);
     for (uint32_t i = 0; i < 4; i++) assert_true(b.hits[i].hit && fabs(b.hits[i].t - 4.5) < 1e-6);
     bundle_close(&b);
@@ -545,7 +562,8 @@ static void t44_a_ray_that_starts_inside_hits_where_it_leaves(void **unused) {
     }
     for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
         bundle_trace(&b, &df_tracer_dda, &field, solve, 0);
-        for (uint32_t i = 0; i < b.count; i++) assert_true(b.hits[i].hit && (b.hits[i].flags & DF_HIT_BACK) && b.hits[i].t > 0);
+        for (uint32_t i = 0; i < b.count; i++)
+            assert_true(b.hits[i].hit && (b.hits[i].flags & DF_HIT_BACK) && b.hits[i].t > 0);
     }
     bundle_close(&b);
     df_field_free(&field);
@@ -584,7 +602,8 @@ static void t46_tiny_full_and_empty_fields_are_no_trouble(void **unused) {
         bundle b;
         make(&field, counts[i / 3], plane_value, &fields[i % 3]);
         bundle_open(&b, 2000);
-        test_random_rays(b.count, 46, (const double[]){counts[i / 3][0], counts[i / 3][1], counts[i / 3][2]}, b.origins, b.directions);
+        test_random_rays(b.count, 46, (const double[]){counts[i / 3][0], counts[i / 3][1], counts[i / 3][2]}, b.origins,
+                         b.directions);
         for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
             bundle_trace(&b, &df_tracer_dda, &field, solve, 0);
             for (uint32_t r = 0; r < b.count; r++) {
@@ -678,7 +697,9 @@ static void t48_the_48_symmetries_of_the_cube_give_the_same_hits(void **unused) 
             df_truth truth; /* a tangent ray may fall on either side */
             traced_ray(&b, i, o, d);
             df_truth_trace(&field, 0, o, d, &truth);
-            if (!truth.tangent) fail_msg("symmetry %d, ray %u: %d at %.17g, %d at %.17g", symmetry, i, b.hits[i].hit, b.hits[i].t, t.hits[i].hit, t.hits[i].t);
+            if (!truth.tangent)
+                fail_msg("symmetry %d, ray %u: %d at %.17g, %d at %.17g", symmetry, i, b.hits[i].hit, b.hits[i].t,
+                         t.hits[i].hit, t.hits[i].t);
         }
     }
     bundle_close(&b);

@@ -13,10 +13,11 @@
 #include "fields.h"
 
 #define CUBIC_COUNT 100000
-#define BITS 1000 /* all sums and products below are then exact; only the roots of the derivative are rounded */
+#define BITS 1000       /* all sums and products below are then exact; only the roots of the derivative are rounded */
 #define ERROR_MAX 1e-28 /* voxels */
 #define VALUE_MAX 1e-29
-#define ZERO_BITS 600   /* an extremum is a touch below this part of the largest corner: far above its rounding, squared */
+#define ZERO_BITS \
+    600 /* an extremum is a touch below this part of the largest corner: far above its rounding, squared */
 
 /* What MPFR says of a ray in a voxel: its polynomial in t and the points between which it is monotone. */
 typedef struct exact {
@@ -120,15 +121,16 @@ static void exact_stops(exact *x, mpfr_t t_out) {
         mpfr_div(root[1], b, a, MPFR_RNDN);       /* infinite for a quadratic: outside */
         if (mpfr_greater_p(root[0], root[1])) mpfr_swap(root[0], root[1]);
         for (int i = 0; i < 2; i++) {
-            if (mpfr_greater_p(root[i], x->stop[0]) && mpfr_less_p(root[i], t_out)) mpfr_set(x->stop[x->stop_count++], root[i], MPFR_RNDN);
+            if (mpfr_greater_p(root[i], x->stop[0]) && mpfr_less_p(root[i], t_out))
+                mpfr_set(x->stop[x->stop_count++], root[i], MPFR_RNDN);
         }
     }
     mpfr_set(x->stop[x->stop_count++], t_out, MPFR_RNDN);
     mpfr_clears(a, b, disc, root[0], root[1], (mpfr_ptr)NULL);
 }
 
-/* True when t is a crossing of the monotone part [low, high] to within `error`; or, where several roots fall together and no
- * rounded polynomial has its root there, when the value at t is below `value_max` of the largest corner. */
+/* True when t is a crossing of the monotone part [low, high] to within `error`; or, where several roots fall together
+ * and no rounded polynomial has its root there, when the value at t is below `value_max` of the largest corner. */
 static bool exact_confirms(exact *x, mpfr_t low, mpfr_t high, df_quad t, double error, double value_max) {
     mpfr_t at, before, after, value;
     mpfr_inits2(BITS, at, before, after, value, (mpfr_ptr)NULL);
@@ -173,29 +175,29 @@ static void compare(exact *x, const float corners[8], const double origin[3], co
     sum->class_differences += hit != truth.hit || (hit && back != truth.back);
     if (hit && truth.hit && !truth.tangent) {
         double length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
-        sum->position_differences += !exact_confirms(x, x->stop[last - 2], x->stop[last - 1], truth.t, ERROR_MAX / length, VALUE_MAX);
+        sum->position_differences +=
+            !exact_confirms(x, x->stop[last - 2], x->stop[last - 1], truth.t, ERROR_MAX / length, VALUE_MAX);
     }
     mpfr_clear(t_out);
 }
 
 /* A multiple of 1/16 in [0,1]: products of a few of them are exact in float. */
-static double dyadic(uint64_t *seed) {
-    return lab_random_index(seed, 17) / 16.0;
-}
+static double dyadic(uint64_t *seed) { return lab_random_index(seed, 17) / 16.0; }
 
 static void make_corners(uint64_t *seed, uint32_t family, float corners[8]) {
-    const double a = dyadic(seed), b = dyadic(seed), c = dyadic(seed), gap = ldexp(lab_random_index(seed, 3) - 1.0, -(int)lab_random_index(seed, 40));
+    const double a = dyadic(seed), b = dyadic(seed), c = dyadic(seed),
+                 gap = ldexp(lab_random_index(seed, 3) - 1.0, -(int)lab_random_index(seed, 40));
     const double scale = pow(10, lab_random_index(seed, 41) - 20.0);
     for (int i = 0; i < 8; i++) {
         const double x = i & 1, y = i >> 1 & 1, z = i >> 2, r = lab_random(seed, -1, 1);
         switch (family) {
         case 0: corners[i] = (float)r; break;
-        case 1: corners[i] = (float)(lab_random_index(seed, 3) - 1.0); break;             /* exact zeros and plateaus */
-        case 2: corners[i] = (float)((x - a) * (y - b) - gap); break;                     /* nearly or exactly touching */
-        case 3: corners[i] = (float)((x - a) * (y - b) * (z - c) - gap); break;           /* three roots */
-        case 4: corners[i] = (float)(a * x + b * y + c * z - 0.5 + 1e-7 * r); break;      /* almost a plane */
+        case 1: corners[i] = (float)(lab_random_index(seed, 3) - 1.0); break;        /* exact zeros and plateaus */
+        case 2: corners[i] = (float)((x - a) * (y - b) - gap); break;                /* nearly or exactly touching */
+        case 3: corners[i] = (float)((x - a) * (y - b) * (z - c) - gap); break;      /* three roots */
+        case 4: corners[i] = (float)(a * x + b * y + c * z - 0.5 + 1e-7 * r); break; /* almost a plane */
         case 5: corners[i] = (float)(scale * (x - a) * (y - b) * (z - c) + 1e-3 * scale * r); break;
-        case 6: corners[i] = (float)((lab_random_index(seed, 9) - 4.0) / 64); break;      /* 8-bit samples */
+        case 6: corners[i] = (float)((lab_random_index(seed, 9) - 4.0) / 64); break; /* 8-bit samples */
         default: corners[i] = (float)(1e6 + 1e-1 * r) - 1e6f; break;
         }
     }
@@ -240,7 +242,8 @@ static void truth_agrees_with_arbitrary_precision(void **state) {
         }
         exact_clear(&x);
     }
-    print_message("%d cubics: %d hits, %d of them from inside, %d in the tangent band; %d classes differ, %d positions by more than %g\n",
+    print_message("%d cubics: %d hits, %d of them from inside, %d in the tangent band; %d classes differ, %d positions "
+                  "by more than %g\n",
                   CUBIC_COUNT, (int)sum.hits, (int)sum.backs, (int)sum.tangents, (int)sum.class_differences,
                   (int)sum.position_differences, ERROR_MAX);
     assert_true(sum.hits > CUBIC_COUNT / 4 && sum.backs > CUBIC_COUNT / 16);

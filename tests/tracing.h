@@ -19,11 +19,12 @@ typedef struct test_random {
 } test_random;
 double test_uniform(test_random *random); /* [0,1) */
 
-/* `count` rays in grid space that aim at points of the box from random places outside and inside of it; every third one starts
- * on and runs along whole coordinates in some of the axes. */
+/* `count` rays in grid space that aim at points of the box from random places outside and inside of it; every third one
+ * starts on and runs along whole coordinates in some of the axes. */
 void test_random_rays(uint32_t count, uint64_t seed, const double box[3], double *origins, double *directions);
 
-/* Traces rays (3 doubles each) as the tracer takes them, rounded to float; `rays` keeps them for truths. Free with df_rays_free. */
+/* Traces rays (3 doubles each) as the tracer takes them, rounded to float; `rays` keeps them for truths. Free with
+ * df_rays_free. */
 df_status test_trace(const df_tracer *tracer, const df_scene *scene, int solve, int steps, const double *origins,
                      const double *directions, uint32_t count, df_rays *rays, test_hit *hits, df_error *err);
 

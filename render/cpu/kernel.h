@@ -1,4 +1,5 @@
-/* What the kernel sources share: the name of a kernel for the instruction set that it is compiled for. C only, with DF_LANES set. */
+/* What the kernel sources share: the name of a kernel for the instruction set that it is compiled for. C only, with
+ * DF_LANES set. */
 #ifndef DF_KERNEL_H
 #define DF_KERNEL_H
 
@@ -18,7 +19,8 @@
 uint32_t DF_KERNEL(df_kernel_cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters);
-void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);
+void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height,
+                                    df_rays *rays);
 void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
                                 const df_candidate *candidates, uint32_t count, df_hits *hits);
 void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits);

@@ -1,7 +1,8 @@
 /*
- * Coherent grid traversal (Wald et al. 2006): a packet of neighbouring rays goes through the grid slice by slice along its main axis.
- * The cells of a slice that the packet's bounds meet are looked at together, coarse cells first, then voxels; every surface voxel is
- * tested against all rays of the packet by the text that all tracers share, and the nearest accepted voxel of each ray stays.
+ * Coherent grid traversal (Wald et al. 2006): a packet of neighbouring rays goes through the grid slice by slice along
+ * its main axis. The cells of a slice that the packet's bounds meet are looked at together, coarse cells first, then
+ * voxels; every surface voxel is tested against all rays of the packet by the text that all tracers share, and the
+ * nearest accepted voxel of each ray stays.
  */
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
@@ -21,8 +22,8 @@ typedef struct packet {
     float direction[3][RAYS_MAX], inverse[3][RAYS_MAX], depth[RAYS_MAX]; /* padded with the last ray */
     uint32_t ray[RAYS_MAX], count, padded;
     float origin[3];
-    int main, u, v, sign;      /* axes, and the direction along the main one */
-    float slope[2][2];         /* by minor axis u, v: least and greatest of direction over |direction along the main axis| */
+    int main, u, v, sign; /* axes, and the direction along the main one */
+    float slope[2][2];    /* by minor axis u, v: least and greatest of direction over |direction along the main axis| */
     df_candidate best[RAYS_MAX];
 } packet;
 
@@ -35,7 +36,8 @@ typedef struct slice {
 static int entry_axis(const packet *p, uint32_t i, const float cell[3], float t_in) {
     int axis = 3;
     for (int a = 0; a < 3; a++) {
-        const float low = (cell[a] - p->origin[a]) * p->inverse[a][i], high = ((cell[a] + 1.0f) - p->origin[a]) * p->inverse[a][i];
+        const float low = (cell[a] - p->origin[a]) * p->inverse[a][i],
+                    high = ((cell[a] + 1.0f) - p->origin[a]) * p->inverse[a][i];
         if ((low < high ? low : high) == t_in) axis = a;
     }
     return axis;
@@ -55,7 +57,8 @@ static void keep(packet *p, uint32_t i, float t_in, const float cell[3], uint32_
 }
 
 /* Tests one voxel against all rays of the packet. */
-static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel[3], uint32_t block, df_counters *counters) {
+static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel[3], uint32_t block,
+                       df_counters *counters) {
     const float cell[3] = {(float)voxel[0], (float)voxel[1], (float)voxel[2]};
     lf origin[3], lower[3], corner[8];
     float values[8];
@@ -74,7 +77,8 @@ static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel
         }
         lm visited = df_cell_segment_f32(origin, direction, inverse, lf_set(0), lower, lf_set(1), &segment);
         visited = lm_and(visited, lf_le(segment.t_in, lf_load(p->depth + first)));
-        const uint32_t valid = p->count - first < DF_LANES ? (uint32_t)((1ull << (p->count - first)) - 1) : (uint32_t)((1ull << DF_LANES) - 1);
+        const uint32_t valid = p->count - first < DF_LANES ? (uint32_t)((1ull << (p->count - first)) - 1)
+                                                           : (uint32_t)((1ull << DF_LANES) - 1);
         const uint32_t tested = lm_bits(visited) & valid;
         counters->lanes_total += DF_LANES;
         counters->lanes_active += (uint32_t)__builtin_popcount(tested);
@@ -92,9 +96,10 @@ static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel
     }
 }
 
-/* The cells of `size` voxels that the packet may meet between two planes across the main axis; false when none within the limits. */
-static bool packet_slice(const packet *p, float plane_low, float plane_high, float size, const int32_t low[2], const int32_t high[2],
-                         slice *out) {
+/* The cells of `size` voxels that the packet may meet between two planes across the main axis; false when none within
+ * the limits. */
+static bool packet_slice(const packet *p, float plane_low, float plane_high, float size, const int32_t low[2],
+                         const int32_t high[2], slice *out) {
     float from = ((p->sign > 0 ? plane_low : plane_high) - p->origin[p->main]) * (float)p->sign;
     const float to = ((p->sign > 0 ? plane_high : plane_low) - p->origin[p->main]) * (float)p->sign;
     if (to < 0) return false; /* behind the eye */
@@ -111,7 +116,8 @@ static bool packet_slice(const packet *p, float plane_low, float plane_high, flo
 }
 
 /* Looks at the voxels of one block, slice by slice; clip: only those that the packet's bounds meet. */
-static void visit_block(const df_packet_job *job, packet *p, const uint32_t coarse[3], uint32_t block, df_counters *counters) {
+static void visit_block(const df_packet_job *job, packet *p, const uint32_t coarse[3], uint32_t block,
+                        df_counters *counters) {
     const df_scene *scene = job->scene;
     const uint32_t k = scene->k, words = df_brick_mask_words(k);
     const uint64_t *mask = scene->masks + (uint64_t)block * words;
@@ -128,7 +134,8 @@ static void visit_block(const df_packet_job *job, packet *p, const uint32_t coar
                 voxel[p->main] = (uint32_t)base[p->main] + along;
                 voxel[p->u] = (uint32_t)u;
                 voxel[p->v] = (uint32_t)v;
-                const uint32_t bit = (voxel[0] - (uint32_t)base[0]) + k * ((voxel[1] - (uint32_t)base[1]) + k * (voxel[2] - (uint32_t)base[2]));
+                const uint32_t bit = (voxel[0] - (uint32_t)base[0]) +
+                                     k * ((voxel[1] - (uint32_t)base[1]) + k * (voxel[2] - (uint32_t)base[2]));
                 counters->fine_steps++;
                 if (mask[bit / 64] >> (bit % 64) & 1) test_voxel(job, p, voxel, block, counters);
             }
@@ -146,7 +153,8 @@ static float farthest(const packet *p) {
 static void walk(const df_packet_job *job, packet *p, df_counters *counters) {
     const df_scene *scene = job->scene;
     const float k = (float)scene->k;
-    const int32_t low[2] = {0, 0}, high[2] = {(int32_t)scene->coarse_count[p->u] - 1, (int32_t)scene->coarse_count[p->v] - 1};
+    const int32_t low[2] = {0, 0},
+                  high[2] = {(int32_t)scene->coarse_count[p->u] - 1, (int32_t)scene->coarse_count[p->v] - 1};
     const int32_t count = (int32_t)scene->coarse_count[p->main];
     for (int32_t n = 0; n < count; n++) {
         const int32_t along = p->sign > 0 ? n : count - 1 - n;
@@ -215,7 +223,8 @@ static bool gather(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t size,
 }
 
 /* Walks a square of rays; where they do not go together, four smaller ones, down to single rays. */
-static uint32_t trace_square(const df_packet_job *job, uint32_t x, uint32_t y, uint32_t size, df_candidate *candidates, df_counters *counters) {
+static uint32_t trace_square(const df_packet_job *job, uint32_t x, uint32_t y, uint32_t size, df_candidate *candidates,
+                             df_counters *counters) {
     packet p;
     uint32_t hits = 0;
     if (x >= job->tile->width || y >= job->tile->height) return 0;

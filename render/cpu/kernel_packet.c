@@ -1,6 +1,6 @@
 /*
- * The 3DDDA over lanes: every lane walks its own ray by the rules of dda.h. Lanes walk coarse cells until each holds a block or
- * has left, then voxels until each has an accepted one or has left its block, and so on.
+ * The 3DDDA over lanes: every lane walks its own ray by the rules of dda.h. Lanes walk coarse cells until each holds a
+ * block or has left, then voxels until each has an accepted one or has left its block, and so on.
  */
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
@@ -34,13 +34,9 @@ typedef struct walks {
     li index, stride[3];
 } walks;
 
-static lf plane_t(const packet *p, int axis, lf plane) {
-    return (plane - p->origin[axis]) * p->inverse[axis];
-}
+static lf plane_t(const packet *p, int axis, lf plane) { return (plane - p->origin[axis]) * p->inverse[axis]; }
 
-static lm equal(lf a, lf b) {
-    return lm_and(lf_le(a, b), lf_le(b, a));
-}
+static lm equal(lf a, lf b) { return lm_and(lf_le(a, b), lf_le(b, a)); }
 
 static lm precedes(lf t, int axis, events at) {
     return lm_or(lf_lt(t, at.t), lm_and(equal(t, at.t), lf_lt(lf_set((float)axis), at.axis)));
@@ -51,14 +47,17 @@ static lf cell_after(const boxes *box, const packet *p, int axis, events at, lm 
     const lf one = lf_set(1), zero = lf_set(0), up = lf_select(p->upward[axis], one, zero), down = one - up;
     const lf step = up - down, end = box->high[axis] - one;
     const lf position = (p->origin[axis] + at.t * p->direction[axis]) * box->inverse_size;
-    const lf first = lf_select(p->upward[axis], box->low[axis], end), last = lf_select(p->upward[axis], end, box->low[axis]);
+    const lf first = lf_select(p->upward[axis], box->low[axis], end),
+             last = lf_select(p->upward[axis], end, box->low[axis]);
     lf cell = lf_floor(lf_min(lf_max(position, box->low[axis]), end));
     for (lm go = active; lm_any(go);) {
-        go = lm_and(go, lm_and(lm_not(equal(cell, last)), precedes(plane_t(p, axis, (cell + up) * box->size), axis, at)));
+        go = lm_and(go,
+                    lm_and(lm_not(equal(cell, last)), precedes(plane_t(p, axis, (cell + up) * box->size), axis, at)));
         cell = lf_select(go, cell + step, cell);
     }
     for (lm go = active; lm_any(go);) {
-        go = lm_and(go, lm_and(lm_not(equal(cell, first)), lm_not(precedes(plane_t(p, axis, (cell + down) * box->size), axis, at))));
+        go = lm_and(go, lm_and(lm_not(equal(cell, first)),
+                               lm_not(precedes(plane_t(p, axis, (cell + down) * box->size), axis, at))));
         cell = lf_select(go, cell - step, cell);
     }
     return cell;
@@ -139,12 +138,13 @@ typedef struct found {
 } found;
 
 /* Which of the lanes' voxels are accepted; fills `out` for them. */
-static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], const int32_t *block, lm lanes, found *out,
-                 uint32_t *inside_bits, df_counters *counters) {
+static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], const int32_t *block, lm lanes,
+                 found *out, uint32_t *inside_bits, df_counters *counters) {
     const df_scene *scene = job->scene;
     float corners[8][DF_LANES] = {{0}}, at[3][DF_LANES];
     df_segment_f32 segment;
-    lanes = lm_and(lanes, df_cell_segment_f32(p->origin, p->direction, p->inverse, lf_set(0), lower, lf_set(1), &segment));
+    lanes =
+        lm_and(lanes, df_cell_segment_f32(p->origin, p->direction, p->inverse, lf_set(0), lower, lf_set(1), &segment));
     uint32_t bits = lm_bits(lanes);
     if (!bits) return lanes;
     counters->cells_tested += (uint32_t)__builtin_popcount(bits);
@@ -184,8 +184,8 @@ static void count(df_counters *counters, uint64_t *steps, lm active) {
 }
 
 /* Walks the voxels of every active lane's block; returns the lanes that hit. */
-static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *coarse, const int32_t *block, events at, lm active,
-                      found *out, uint32_t *inside_bits, df_counters *counters) {
+static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *coarse, const int32_t *block, events at,
+                      lm active, found *out, uint32_t *inside_bits, df_counters *counters) {
     const df_scene *scene = job->scene;
     const int32_t k = (int32_t)scene->k, words = 2 * (int32_t)df_brick_mask_words(scene->k);
     boxes box = {.size = lf_set(1), .inverse_size = lf_set(1), .stride = {li_set(1), li_set(k), li_set(k * k)}};
@@ -197,7 +197,8 @@ static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *co
     const li first = li_mul(li_select(active, li_load(block), li_set(0)), li_set(words));
     while (lm_any(active)) {
         count(counters, &counters->fine_steps, active);
-        const li word = li_gather((const int32_t *)(const void *)scene->masks, li_add(first, li_shift_right(w.index, 5)));
+        const li word =
+            li_gather((const int32_t *)(const void *)scene->masks, li_add(first, li_shift_right(w.index, 5)));
         const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
         if (lm_any(surface)) {
             lf lower[3];
@@ -211,12 +212,15 @@ static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *co
     return hits;
 }
 
-static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits, df_counters *counters) {
+static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits,
+                          df_counters *counters) {
     const df_scene *scene = job->scene;
     const uint32_t *coarse_count = scene->coarse_count;
     const lf size = lf_set((float)scene->k);
-    boxes box = {.size = size, .inverse_size = lf_set(1) / size,
-                 .stride = {li_set(1), li_set((int32_t)coarse_count[0]), li_set((int32_t)(coarse_count[0] * coarse_count[1]))}};
+    boxes box = {
+        .size = size,
+        .inverse_size = lf_set(1) / size,
+        .stride = {li_set(1), li_set((int32_t)coarse_count[0]), li_set((int32_t)(coarse_count[0] * coarse_count[1]))}};
     uint32_t extent[3];
     events at;
     walks w;
@@ -257,12 +261,15 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
     return hits;
 }
 
-static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits, df_counters *counters) {
+static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits,
+                        df_counters *counters) {
     const df_scene *scene = job->scene;
     const uint32_t *voxels = scene->voxel_count;
     const int32_t row = 64 * (int32_t)scene->row_words; /* bits */
     const int32_t none[DF_LANES] = {0};
-    boxes box = {.size = lf_set(1), .inverse_size = lf_set(1), .stride = {li_set(1), li_set(row), li_set(row * (int32_t)voxels[1])}};
+    boxes box = {.size = lf_set(1),
+                 .inverse_size = lf_set(1),
+                 .stride = {li_set(1), li_set(row), li_set(row * (int32_t)voxels[1])}};
     events at;
     walks w;
     lm hits = lm_first(0);
@@ -288,7 +295,8 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
     return hits;
 }
 
-/* The rays of a packet: a block of pixels as square as may be, or a run of arbitrary rays. Lanes beyond the tile repeat its last ray. */
+/* The rays of a packet: a block of pixels as square as may be, or a run of arbitrary rays. Lanes beyond the tile repeat
+ * its last ray. */
 static uint32_t gather_rays(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t width, int32_t ray[DF_LANES]) {
     uint32_t valid = 0;
     for (uint32_t i = 0; i < DF_LANES; i++) {
@@ -329,7 +337,8 @@ uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *can
             for (uint32_t bits = lm_bits(hit) & valid; bits; bits &= bits - 1) {
                 const int i = __builtin_ctz(bits);
                 candidates[hits++] = (df_candidate){
-                    .ray = (uint32_t)ray[i], .block = (uint32_t)out.block[i],
+                    .ray = (uint32_t)ray[i],
+                    .block = (uint32_t)out.block[i],
                     .cell = {(uint16_t)out.lower[0][i], (uint16_t)out.lower[1][i], (uint16_t)out.lower[2][i]},
                     .flags = inside_bits >> i & 1 ? DF_HIT_BACK : 0};
             }

@@ -4,9 +4,7 @@
 #include <string.h>
 
 /* df_ray_direction over double lanes, stored as floats. */
-static void store_direction(float *out, ld d) {
-    ld_store_f32(out, d);
-}
+static void store_direction(float *out, ld d) { ld_store_f32(out, d); }
 
 static lf away_from_zero(lf d) {
     const lf least = lf_set(DF_DIRECTION_MIN), minus = lf_set(-DF_DIRECTION_MIN);
@@ -14,7 +12,8 @@ static lf away_from_zero(lf d) {
     return lf_select(tiny, lf_select(lf_lt(d, lf_set(0)), minus, least), d);
 }
 
-void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x0, uint32_t y0, uint32_t width, uint32_t height, df_rays *rays) {
+void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x0, uint32_t y0, uint32_t width, uint32_t height,
+                                    df_rays *rays) {
     double column[DF_DOUBLE_LANES];
     for (int i = 0; i < DF_DOUBLE_LANES; i++) column[i] = i;
     for (int a = 0; a < 3; a++) {

@@ -1,7 +1,7 @@
 /* Hits to pixels: DF_LANES at a time. */
 #include "render/cpu/fetch.h"
-#include "render/methods/gradient.h"
 #include "render/cpu/kernel.h"
+#include "render/methods/gradient.h"
 #include "render/methods/shade.h"
 
 #include <string.h>
@@ -44,13 +44,15 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
         for (uint32_t i = 0; i < DF_LANES; i++) {
             const uint32_t from = first + (i < lanes ? i : 0);
             const uint32_t voxel[3] = {hits->cell[0][from], hits->cell[1][from], hits->cell[2][from]};
-            const uint32_t size_log2 = hits->flags[from] >> DF_HIT_SIZE_SHIFT; /* scales the gradient, which the normal does not feel */
+            const uint32_t size_log2 =
+                hits->flags[from] >> DF_HIT_SIZE_SHIFT; /* scales the gradient, which the normal does not feel */
             if (hits->has_normals) {
                 /* the tracer's own */
             } else if (quick) {
                 df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil.numbers[0][i], DF_LANES);
             } else if (octree) {
-                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond, &in.stencil.numbers[0][i], DF_LANES);
+                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond,
+                                      &in.stencil.numbers[0][i], DF_LANES);
             } else {
                 df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil.numbers[0][i], DF_LANES);
             }

@@ -1,7 +1,7 @@
 /* Accepted cells to hits: DF_DOUBLE_LANES cells at a time, each ray rebased to its cell in double. */
-#include "render/methods/cubic.h"
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
+#include "render/methods/cubic.h"
 
 #include <assert.h>
 
@@ -10,8 +10,8 @@
 #include "render/methods/cell.h"
 #include "render/methods/solve.h"
 
-/* Illinois steps end where the position moves less than this, in parts of the segment: the step that shows it has converged to far
- * less, as its order is 1.44. The same as in hit.h. */
+/* Illinois steps end where the position moves less than this, in parts of the segment: the step that shows it has
+ * converged to far less, as its order is 1.44. The same as in hit.h. */
 #define SOLVE_TOLERANCE 1e-8
 
 enum { N = DF_DOUBLE_LANES };
@@ -51,12 +51,14 @@ static ld solve_analytic(const ld bernstein[4], ldm inside) {
     for (int i = 0; i < 4; i++) ld_store(b[i], bern[i]);
     ld_store(low, part.low);
     ld_store(high, part.high);
-    for (int i = 0; i < N; i++) s[i] = df_cubic_first_root((const double[4]){b[0][i], b[1][i], b[2][i], b[3][i]}, low[i], high[i]);
+    for (int i = 0; i < N; i++)
+        s[i] = df_cubic_first_root((const double[4]){b[0][i], b[1][i], b[2][i], b[3][i]}, low[i], high[i]);
     return ld_select(part.found, ld_load(s), df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, ld_set(0)));
 }
 
 /* size: of the cells; a constant 1 where it is known, which saves a division. */
-static inline void solve_batch(const batch *in, ld size, const df_trace_options *options, int steps, double *t, float *const local[3]) {
+static inline void solve_batch(const batch *in, ld size, const df_trace_options *options, int steps, double *t,
+                               float *const local[3]) {
     ld origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
     for (int a = 0; a < 3; a++) {
         origin[a] = ld_load_f32(in->origin[a]);
@@ -69,8 +71,9 @@ static inline void solve_batch(const batch *in, ld size, const df_trace_options 
     df_segment_f64 segment;
     df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment);
     df_bernstein_f64(corner, segment.a, segment.b, bern);
-    ld s = options->solve == DF_SOLVE_ANALYTIC ? solve_analytic(bern, inside)
-                                               : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
+    ld s = options->solve == DF_SOLVE_ANALYTIC
+               ? solve_analytic(bern, inside)
+               : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
     ld_store(t, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
     for (int a = 0; a < 3; a++) ld_store_f32(local[a], df_lerp_f64(segment.a[a], segment.b[a], s));
 }

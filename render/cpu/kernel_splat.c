@@ -1,6 +1,7 @@
 /*
- * Object order: surface voxels are projected, DF_LANES at a time, and every pixel whose centre may see one makes a pair (voxel, ray).
- * Pairs are queued and tested at full width by the same text as every other tracer. The nearest accepted voxel of each ray stays.
+ * Object order: surface voxels are projected, DF_LANES at a time, and every pixel whose centre may see one makes a pair
+ * (voxel, ray). Pairs are queued and tested at full width by the same text as every other tracer. The nearest accepted
+ * voxel of each ray stays.
  */
 #include "render/cpu/kernel.h"
 
@@ -83,8 +84,8 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
     lf_store(t_in, segment.t_in);
     for (; bits; bits &= bits - 1) {
         const int lane = __builtin_ctz(bits);
-        keep(job, (uint32_t)q->ray[first + (uint32_t)lane], t_in[lane], (uint32_t)q->record[first + (uint32_t)lane], q->block,
-             inside_bits >> lane & 1);
+        keep(job, (uint32_t)q->ray[first + (uint32_t)lane], t_in[lane], (uint32_t)q->record[first + (uint32_t)lane],
+             q->block, inside_bits >> lane & 1);
     }
 }
 
@@ -134,7 +135,8 @@ static bounds project(const df_splat_job *job, const lf cell[3]) {
     const lf reach_w = lf_set(0.5f * (fabsf(p->rows[0][0]) + fabsf(p->rows[0][1]) + fabsf(p->rows[0][2])));
     const lf nearest = w - reach_w;
     const lm beside = lf_lt(nearest, lf_set(NEAR_DEPTH)); /* at or behind the eye's plane: no bounds */
-    const lf inverse_w = lf_set(1) / lf_select(beside, lf_set(1), w), inverse_near = lf_set(1) / lf_select(beside, lf_set(1), nearest);
+    const lf inverse_w = lf_set(1) / lf_select(beside, lf_set(1), w),
+             inverse_near = lf_set(1) / lf_select(beside, lf_set(1), nearest);
     u = u * inverse_w;
     v = v * inverse_w;
     lf reach_u = zero, reach_v = zero;
@@ -177,7 +179,8 @@ static int block_may_show(const df_splat_job *job, const df_block_rect *rect) {
 }
 
 /* Queues the pairs of DF_LANES voxels with the pixels of their bounds, as far as nothing nearer is there yet. */
-static void queue_pairs(const df_splat_job *job, queue *q, const lf cell[3], li record, const bounds *b, lm valid, df_counters *counters) {
+static void queue_pairs(const df_splat_job *job, queue *q, const lf cell[3], li record, const bounds *b, lm valid,
+                        df_counters *counters) {
     const lf width = lf_set((float)job->tile->width);
     for (lf y = b->y0; lm_any(valid); y = y + lf_set(1)) {
         valid = lm_and(valid, lf_le(y, b->y1));
@@ -217,7 +220,8 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
             const li bits = li_load_u16(surface->bits + first);
             const li x = li_and(bits, mask), y = li_and(li_shift_right(bits, scene->k_shift), mask);
             const li z = li_shift_right(bits, 2 * scene->k_shift);
-            const lf cell[3] = {lf_from_li(x) + lf_set(corner[0]), lf_from_li(y) + lf_set(corner[1]), lf_from_li(z) + lf_set(corner[2])};
+            const lf cell[3] = {lf_from_li(x) + lf_set(corner[0]), lf_from_li(y) + lf_set(corner[1]),
+                                lf_from_li(z) + lf_set(corner[2])};
             const bounds b = project(job, cell);
             lm valid = lm_and(lf_le(b.x0, b.x1), lf_le(b.y0, b.y1));
             valid = lm_and(valid, lf_lt(lf_from_li(lane), lf_set((float)(last - first))));

@@ -18,8 +18,8 @@ static int supported(const df_kernels *kernels) {
     if (kernels == &df_kernels_sse41) return __builtin_cpu_supports("sse4.1");
     if (kernels == &df_kernels_avx2) return __builtin_cpu_supports("avx2");
     if (kernels == &df_kernels_avx512) {
-        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
-               __builtin_cpu_supports("avx512vl");
+        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+               __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");
     }
 #endif
     return kernels == &df_kernels_scalar;
@@ -31,7 +31,8 @@ df_status df_kernels_select(const char *isa, const df_kernels **out, df_error *e
         if (strcmp(isa, "auto") == 0) {
             if (supported(all[i])) *out = all[i];
         } else if (strcmp(isa, all[i]->isa) == 0) {
-            if (!supported(all[i])) return df_fail(err, DF_ERROR_UNSUPPORTED, "--isa %s: this processor does not have it", isa);
+            if (!supported(all[i]))
+                return df_fail(err, DF_ERROR_UNSUPPORTED, "--isa %s: this processor does not have it", isa);
             *out = all[i];
         }
     }

@@ -1,6 +1,6 @@
 /*
- * The inner loops, compiled once for every instruction set from one source each (kernel_*.c over lane.h). All instruction
- * sets give the same bits; scalar is the specification.
+ * The inner loops, compiled once for every instruction set from one source each (kernel_*.c over lane.h). All
+ * instruction sets give the same bits; scalar is the specification.
  */
 #ifndef DF_KERNELS_H
 #define DF_KERNELS_H
@@ -14,15 +14,15 @@ typedef struct df_shade_job {
     int gradient;
     const uint8_t *table; /* df_shade_table */
     uint32_t picture_width;
-    uint8_t *rgb;    /* of the whole picture; NULL: not wanted, as the others */
+    uint8_t *rgb; /* of the whole picture; NULL: not wanted, as the others */
     float *depth, *normals;
 } df_shade_job;
 
 /* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. */
 typedef struct df_surface {
-    const uint32_t *first;   /* by block: index of its first record; first[block_count] is the number of records */
-    const uint16_t *bits;    /* by record: bit of the voxel in its block's mask */
-    const float *corners;    /* by record: 8 values minus iso */
+    const uint32_t *first; /* by block: index of its first record; first[block_count] is the number of records */
+    const uint16_t *bits;  /* by record: bit of the voxel in its block's mask */
+    const float *corners;  /* by record: 8 values minus iso */
     uint32_t record_count;
 } df_surface;
 
@@ -33,7 +33,8 @@ typedef struct df_block_rect {
     uint32_t block;
 } df_block_rect;
 
-/* From grid space to a picture: a point at eye + w * (direction through pixel (x,y)) has rows * (point - eye) = (w, w x, w y). */
+/* From grid space to a picture: a point at eye + w * (direction through pixel (x,y)) has rows * (point - eye) = (w, w
+ * x, w y). */
 typedef struct df_projection {
     float rows[3][3];
     float eye[3];
@@ -48,10 +49,10 @@ typedef struct df_splat_job {
     const df_block_rect *rects; /* all blocks of the view */
     const uint32_t *order;      /* indices of rects */
     uint32_t count;
-    int isolate;                /* DF_SOLVE_ISOLATES */
-    float *depth;               /* by ray, INFINITY at first: t of entry into the accepted voxel */
-    uint32_t *record, *block;   /* by ray */
-    uint8_t *flags;             /* by ray, DF_HIT_... */
+    int isolate;              /* DF_SOLVE_ISOLATES */
+    float *depth;             /* by ray, INFINITY at first: t of entry into the accepted voxel */
+    uint32_t *record, *block; /* by ray */
+    uint8_t *flags;           /* by ray, DF_HIT_... */
 } df_splat_job;
 
 /* A tile of rays for the packet tracers. */
@@ -71,9 +72,10 @@ struct df_kernels {
     /* Rays of a near view (rebase = 0): origins, directions and inverses of a rectangle, without padding. */
     void (*view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height, df_rays *rays);
 
-    /* Solves accepted cells in double and appends them to hits: the last step of every tracer that walks cells. Appends nothing else. */
-    void (*solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays, const df_candidate *candidates,
-                  uint32_t count, df_hits *hits);
+    /* Solves accepted cells in double and appends them to hits: the last step of every tracer that walks cells. Appends
+     * nothing else. */
+    void (*solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
+                  const df_candidate *candidates, uint32_t count, df_hits *hits);
 
     /* Walks the rays of a tile in packets; returns the number of candidates, of which there is room for one a ray. */
     uint32_t (*packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
@@ -90,8 +92,8 @@ struct df_kernels {
 
 extern const df_kernels df_kernels_scalar, df_kernels_sse41, df_kernels_avx2, df_kernels_avx512;
 
-/* The kernels of an instruction set by name, or with "auto" the widest that this processor has. DF_ERROR_UNSUPPORTED for one that it
- * lacks, DF_ERROR_USAGE for an unknown name. */
+/* The kernels of an instruction set by name, or with "auto" the widest that this processor has. DF_ERROR_UNSUPPORTED
+ * for one that it lacks, DF_ERROR_USAGE for an unknown name. */
 df_status df_kernels_select(const char *isa, const df_kernels **out, df_error *err);
 
 #endif

@@ -1,10 +1,10 @@
 /*
  * The scalar 3DDDA, ray by ray: the specification of what every tracer returns.
  */
-#include "render/methods/adf.h"
-#include "render/methods/dda.h"
 #include "common/memory.h"
 #include "render/cpu/kernels.h"
+#include "render/methods/adf.h"
+#include "render/methods/dda.h"
 #include "render/methods/solve_methods.h"
 
 #include <stdlib.h>
@@ -15,7 +15,8 @@ typedef struct dda_state {
     df_candidate **candidates; /* by thread, one a ray of a tile */
 } dda_state;
 
-static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                           df_error *err) {
     (void)err;
     const dda_state *state = opaque;
     const df_rays *rays = &tile->rays;
@@ -57,7 +58,8 @@ static df_status dda_prepare(const df_scene *scene, const df_trace_options *opti
     status = df_alloc((void **)&state->candidates, options->threads, sizeof *state->candidates, "tracer", err);
     for (uint32_t i = 0; i < options->threads && status == DF_OK; i++) {
         /* one more than there are rays: the walk fills the next entry before it knows */
-        status = df_alloc_raw((void **)&state->candidates[i], (uint64_t)options->tile_width * options->tile_height + 1, sizeof **state->candidates, "candidates", err);
+        status = df_alloc_raw((void **)&state->candidates[i], (uint64_t)options->tile_width * options->tile_height + 1,
+                              sizeof **state->candidates, "candidates", err);
     }
     if (status != DF_OK) {
         dda_release(state);

@@ -37,7 +37,8 @@ static void packet_release(void *opaque) {
 static df_status packet_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
     packet_state *state;
     *out = NULL;
-    if (!indices_fit(scene)) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer dda-packet: the field is too large for it; choose dda");
+    if (!indices_fit(scene))
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer dda-packet: the field is too large for it; choose dda");
     df_status status = df_alloc((void **)&state, 1, sizeof *state, "tracer", err);
     if (status != DF_OK) return status;
     state->scene = scene;
@@ -52,7 +53,8 @@ static df_status packet_prepare(const df_scene *scene, const df_trace_options *o
     return status;
 }
 
-static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                              df_error *err) {
     (void)err;
     const packet_state *state = opaque;
     const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve), 0, false};
@@ -80,7 +82,8 @@ static df_status cgt_prepare(const df_scene *scene, const df_trace_options *opti
     return packet_prepare(scene, options, out, err);
 }
 
-static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                           df_error *err) {
     (void)err;
     const packet_state *state = opaque;
     const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve),

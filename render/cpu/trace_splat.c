@@ -1,6 +1,7 @@
 /*
- * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): bricks are sorted from front to back
- * and binned to tiles; a tile projects the surface voxels of its bricks and keeps the nearest accepted one of each ray.
+ * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): bricks are sorted from front to
+ * back and binned to tiles; a tile projects the surface voxels of its bricks and keeps the nearest accepted one of each
+ * ray.
  */
 #include "common/memory.h"
 #include "render/cpu/kernels.h"
@@ -38,7 +39,7 @@ typedef struct splat_state {
     uint32_t *entries;             /* indices of sorted rects, by tile */
     uint32_t tile_capacity, entry_capacity;
     uint32_t tile_columns;
-    uint32_t first_row, end_row;   /* of the picture: what is drawn */
+    uint32_t first_row, end_row; /* of the picture: what is drawn */
 } splat_state;
 
 static void splat_release(void *opaque) {
@@ -90,19 +91,23 @@ static void fill_records(splat_state *state, uint32_t block) {
 static df_status make_records(splat_state *state, df_error *err) {
     const df_scene *scene = state->scene;
     const uint32_t words = df_brick_mask_words(scene->k);
-    df_status status = df_alloc((void **)&state->first, scene->block_count + 1ull, sizeof *state->first, "surface records", err);
+    df_status status =
+        df_alloc((void **)&state->first, scene->block_count + 1ull, sizeof *state->first, "surface records", err);
     if (status != DF_OK) return status;
     uint64_t count = 0;
     for (uint32_t block = 0; block < scene->block_count; block++) {
         state->first[block] = (uint32_t)count;
-        for (uint32_t w = 0; w < words; w++) count += (uint64_t)__builtin_popcountll(scene->masks[(uint64_t)block * words + w]);
+        for (uint32_t w = 0; w < words; w++)
+            count += (uint64_t)__builtin_popcountll(scene->masks[(uint64_t)block * words + w]);
         if (count > INT32_MAX / 8) {
-            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: more than %d surface voxels; choose dda", INT32_MAX / 8);
+            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: more than %d surface voxels; choose dda",
+                           INT32_MAX / 8);
         }
     }
     state->first[scene->block_count] = (uint32_t)count;
     status = df_alloc((void **)&state->bits, count + DF_RAY_PADDING, sizeof *state->bits, "surface records", err);
-    if (status == DF_OK) status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
     if (status != DF_OK) return status;
 #pragma omp parallel for schedule(dynamic, 64) num_threads(state->options.threads)
     for (uint32_t block = 0; block < scene->block_count; block++) fill_records(state, block);
@@ -112,14 +117,17 @@ static df_status make_records(splat_state *state, df_error *err) {
 
 static df_status make_workers(splat_state *state, df_error *err) {
     const uint64_t rays = (uint64_t)state->options.tile_width * state->options.tile_height;
-    df_status status = df_alloc((void **)&state->workers, state->options.threads, sizeof *state->workers, "tracer", err);
+    df_status status =
+        df_alloc((void **)&state->workers, state->options.threads, sizeof *state->workers, "tracer", err);
     for (uint32_t i = 0; i < state->options.threads && status == DF_OK; i++) {
         splat_worker *worker = &state->workers[i];
         status = df_alloc_raw((void **)&worker->depth, rays + DF_RAY_PADDING, sizeof *worker->depth, "depths", err);
-        if (status == DF_OK) status = df_alloc_raw((void **)&worker->record, rays, sizeof *worker->record, "depths", err);
+        if (status == DF_OK)
+            status = df_alloc_raw((void **)&worker->record, rays, sizeof *worker->record, "depths", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&worker->block, rays, sizeof *worker->block, "depths", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&worker->flags, rays, sizeof *worker->flags, "depths", err);
-        if (status == DF_OK) status = df_alloc_raw((void **)&worker->candidates, rays, sizeof *worker->candidates, "candidates", err);
+        if (status == DF_OK)
+            status = df_alloc_raw((void **)&worker->candidates, rays, sizeof *worker->candidates, "candidates", err);
     }
     return status;
 }
@@ -127,15 +135,18 @@ static df_status make_workers(splat_state *state, df_error *err) {
 static df_status splat_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
     splat_state *state;
     *out = NULL;
-    if (scene->levels != 2) return df_fail(err, DF_ERROR_USAGE, "--tracer splat works on two levels: leave out --levels 1");
+    if (scene->levels != 2)
+        return df_fail(err, DF_ERROR_USAGE, "--tracer splat works on two levels: leave out --levels 1");
     df_status status = df_alloc((void **)&state, 1, sizeof *state, "tracer", err);
     if (status != DF_OK) return status;
     state->scene = scene;
     state->options = *options;
     status = make_records(state, err);
     if (status == DF_OK) status = make_workers(state, err);
-    if (status == DF_OK) status = df_alloc((void **)&state->rects, scene->block_count, sizeof *state->rects, "blocks", err);
-    if (status == DF_OK) status = df_alloc((void **)&state->sorted, scene->block_count, sizeof *state->sorted, "blocks", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&state->rects, scene->block_count, sizeof *state->rects, "blocks", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&state->sorted, scene->block_count, sizeof *state->sorted, "blocks", err);
     if (status != DF_OK) splat_release(state);
     else *out = state;
     return status;
@@ -189,15 +200,18 @@ static df_block_rect block_rect(const splat_state *state, const df_view *view, u
     const double w = centre[0], nearest = w - reach[0];
     if (w + reach[0] < 0) return rect;
     if (nearest < 0.01) {
-        return (df_block_rect){0, (int32_t)state->first_row, (int32_t)view->width - 1, (int32_t)state->end_row - 1, 0, block};
+        return (df_block_rect){
+            0, (int32_t)state->first_row, (int32_t)view->width - 1, (int32_t)state->end_row - 1, 0, block};
     }
     for (int i = 1; i < 3; i++) {
-        for (int a = 0; a < 3; a++) reach[i] += half * fabs((double)p->rows[i][a] - centre[i] / w * (double)p->rows[0][a]);
+        for (int a = 0; a < 3; a++)
+            reach[i] += half * fabs((double)p->rows[i][a] - centre[i] / w * (double)p->rows[0][a]);
         reach[i] = reach[i] / nearest + margin;
     }
     const double x0 = ceil(centre[1] / w - reach[1]), x1 = floor(centre[1] / w + reach[1]);
     const double y0 = ceil(centre[2] / w - reach[2]), y1 = floor(centre[2] / w + reach[2]);
-    if (x1 < 0 || y1 < state->first_row || x0 > view->width - 1.0 || y0 > state->end_row - 1.0 || x1 < x0 || y1 < y0) return rect;
+    if (x1 < 0 || y1 < state->first_row || x0 > view->width - 1.0 || y0 > state->end_row - 1.0 || x1 < x0 || y1 < y0)
+        return rect;
     rect.x0 = clamp_pixel(x0, 0, view->width);
     rect.x1 = clamp_pixel(x1, 0, view->width);
     rect.y0 = clamp_pixel(y0, state->first_row, state->end_row);
@@ -236,7 +250,8 @@ typedef struct tile_range {
 
 static tile_range tiles_of(const splat_state *state, const df_block_rect *rect) {
     const uint32_t w = state->options.tile_width, h = state->options.tile_height, y0 = state->first_row;
-    return (tile_range){(uint32_t)rect->x0 / w, ((uint32_t)rect->y0 - y0) / h, (uint32_t)rect->x1 / w, ((uint32_t)rect->y1 - y0) / h};
+    return (tile_range){(uint32_t)rect->x0 / w, ((uint32_t)rect->y0 - y0) / h, (uint32_t)rect->x1 / w,
+                        ((uint32_t)rect->y1 - y0) / h};
 }
 
 static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, df_error *err) {
@@ -251,7 +266,8 @@ static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, d
 /* Lists the sorted blocks of every tile. */
 static df_status bin_rects(splat_state *state, const df_view *view, uint32_t visible, df_error *err) {
     const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
-    const uint32_t rows = (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
+    const uint32_t rows =
+        (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
     state->tile_columns = columns;
     df_status status = reserve(&state->tile_first, &state->tile_capacity, (uint64_t)columns * rows + 2, err);
     if (status != DF_OK) return status;
@@ -266,7 +282,8 @@ static df_status bin_rects(splat_state *state, const df_view *view, uint32_t vis
     uint64_t total = 0;
     for (uint32_t i = 0; i < columns * rows; i++) {
         total += first[i + 2];
-        if (total > UINT32_MAX) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: too many blocks in this view");
+        if (total > UINT32_MAX)
+            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: too many blocks in this view");
         first[i + 2] += first[i + 1];
     }
     status = reserve(&state->entries, &state->entry_capacity, total, err);
@@ -280,13 +297,15 @@ static df_status bin_rects(splat_state *state, const df_view *view, uint32_t vis
     return DF_OK;
 }
 
-static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count, df_error *err) {
+static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count,
+                                   df_error *err) {
     splat_state *state = opaque;
     state->first_row = first_row;
     state->end_row = first_row + row_count;
     make_projection(view, &state->projection);
 #pragma omp parallel for schedule(static) num_threads(state->options.threads)
-    for (uint32_t block = 0; block < state->scene->block_count; block++) state->rects[block] = block_rect(state, view, block);
+    for (uint32_t block = 0; block < state->scene->block_count; block++)
+        state->rects[block] = block_rect(state, view, block);
     return bin_rects(state, view, sort_rects(state), err);
 }
 
@@ -302,15 +321,25 @@ static bool splat_touches(const void *opaque, const df_tile *tile) {
     return state->tile_first[t] < state->tile_first[t + 1];
 }
 
-static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                             df_error *err) {
     (void)err;
     const splat_state *state = opaque;
     splat_worker *worker = &state->workers[thread];
     const uint32_t t = tile_index(state, tile), rays = tile->rays.count;
     for (uint32_t i = 0; i < rays + DF_RAY_PADDING; i++) worker->depth[i] = INFINITY;
-    const df_splat_job job = {state->scene, &state->surface, &state->projection, tile, state->sorted,
-                              state->entries + state->tile_first[t], state->tile_first[t + 1] - state->tile_first[t],
-                              DF_SOLVE_ISOLATES(state->options.solve), worker->depth, worker->record, worker->block, worker->flags};
+    const df_splat_job job = {state->scene,
+                              &state->surface,
+                              &state->projection,
+                              tile,
+                              state->sorted,
+                              state->entries + state->tile_first[t],
+                              state->tile_first[t + 1] - state->tile_first[t],
+                              DF_SOLVE_ISOLATES(state->options.solve),
+                              worker->depth,
+                              worker->record,
+                              worker->block,
+                              worker->flags};
     state->options.kernels->splat(&job, counters);
     uint32_t count = 0;
     for (uint32_t i = 0; i < rays; i++) {
@@ -318,10 +347,13 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
         const uint32_t block = worker->block[i], bit = state->bits[worker->record[i]], k_mask = state->scene->k - 1;
         uint32_t corner[3];
         block_corner(state->scene, block, corner);
-        worker->candidates[count++] = (df_candidate){
-            .ray = i, .block = block, .flags = worker->flags[i],
-            .cell = {(uint16_t)(corner[0] + (bit & k_mask)), (uint16_t)(corner[1] + (bit >> state->scene->k_shift & k_mask)),
-                     (uint16_t)(corner[2] + (bit >> 2 * state->scene->k_shift))}};
+        worker->candidates[count++] =
+            (df_candidate){.ray = i,
+                           .block = block,
+                           .flags = worker->flags[i],
+                           .cell = {(uint16_t)(corner[0] + (bit & k_mask)),
+                                    (uint16_t)(corner[1] + (bit >> state->scene->k_shift & k_mask)),
+                                    (uint16_t)(corner[2] + (bit >> 2 * state->scene->k_shift))}};
     }
     state->options.kernels->solve(state->scene, &state->options, &tile->rays, worker->candidates, count, hits);
     return DF_OK;

@@ -6,16 +6,19 @@
 
 const char *const df_mc_method_names[] = {"correct", "classic", NULL};
 
-static df_status print_report(const df_mesh *mesh, const df_export_options *options, double extract_ms, double write_ms, df_error *err) {
+static df_status print_report(const df_mesh *mesh, const df_export_options *options, double extract_ms, double write_ms,
+                              df_error *err) {
     uint64_t bytes = df_mesh_bytes(mesh);
     if (!options->json) {
-        printf("%s: %" PRIu32 " vertices, %" PRIu32 " triangles, %.1f MB in memory; extracted in %.1f ms, written in %.1f ms\n", options->path,
-               mesh->vertex_count, mesh->triangle_count, (double)bytes * 1e-6, extract_ms, write_ms);
+        printf("%s: %" PRIu32 " vertices, %" PRIu32
+               " triangles, %.1f MB in memory; extracted in %.1f ms, written in %.1f ms\n",
+               options->path, mesh->vertex_count, mesh->triangle_count, (double)bytes * 1e-6, extract_ms, write_ms);
         return DF_OK;
     }
-    json_t *json = json_pack("{s:s, s:s, s:s, s:I, s:I, s:I, s:f, s:f}", "field", options->field_path, "mesh", options->path, "topology",
-                             df_mc_method_names[options->method], "vertices", (json_int_t)mesh->vertex_count, "triangles",
-                             (json_int_t)mesh->triangle_count, "bytes", (json_int_t)bytes, "extract_ms", extract_ms, "write_ms", write_ms);
+    json_t *json = json_pack("{s:s, s:s, s:s, s:I, s:I, s:I, s:f, s:f}", "field", options->field_path, "mesh",
+                             options->path, "topology", df_mc_method_names[options->method], "vertices",
+                             (json_int_t)mesh->vertex_count, "triangles", (json_int_t)mesh->triangle_count, "bytes",
+                             (json_int_t)bytes, "extract_ms", extract_ms, "write_ms", write_ms);
     if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     json_dumpf(json, stdout, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
     printf("\n");
@@ -28,7 +31,8 @@ df_status df_export_mesh(const df_field *field, const df_export_options *options
     df_progress progress;
     double start = df_now_ms();
     df_progress_begin(&progress, "mesh", df_mesh_work(field), options->quiet);
-    const df_mc_params params = {.iso = options->iso, .method = options->method, .thread_count = options->threads, .progress = &progress};
+    const df_mc_params params = {
+        .iso = options->iso, .method = options->method, .thread_count = options->threads, .progress = &progress};
     df_status status = df_mesh_extract(field, options->field_path, &params, &mesh, err);
     df_progress_end(&progress);
     double extracted = df_now_ms();

@@ -15,15 +15,16 @@ enum { SIDE_MAX = 9, FACE_MAX = SIDE_MAX * SIDE_MAX, CUBE_MAX = FACE_MAX * SIDE_
 
 /*
  * The field in blocks of k^3 voxels: its bricks, or cubes of a dense field. A block owns the grid edges that start in
- * it (half open: the sample at its lower end, but not those on its upper faces), and the last block of an axis also those on its upper face. A vertex is numbered by its
- * block, then by the edge's row (z, then y, then axis) and x; after them come vertices within voxels.
+ * it (half open: the sample at its lower end, but not those on its upper faces), and the last block of an axis also
+ * those on its upper face. A vertex is numbered by its block, then by the edge's row (z, then y, then axis) and x;
+ * after them come vertices within voxels.
  */
 typedef struct block {
-    uint32_t cell;           /* linear index in the grid of blocks */
+    uint32_t cell; /* linear index in the grid of blocks */
     uint32_t vertex_first;
     uint32_t triangle_first;
-    uint32_t edge_count;     /* owned edges with a vertex */
-    uint64_t row_first;      /* in grid.rows: for each z and y that it owns three rows, one an axis, of bits by x */
+    uint32_t edge_count; /* owned edges with a vertex */
+    uint64_t row_first;  /* in grid.rows: for each z and y that it owns three rows, one an axis, of bits by x */
 } block;
 
 typedef struct grid {
@@ -51,11 +52,11 @@ typedef struct view {
 /* What a thread works with. */
 typedef struct scratch {
     view view;
-    float samples[CUBE_MAX];         /* decoded, where the field's are not float */
-    float apron[6][FACE_MAX];        /* samples beyond face 2*axis + upper; NaN where nothing is stored */
+    float samples[CUBE_MAX];  /* decoded, where the field's are not float */
+    float apron[6][FACE_MAX]; /* samples beyond face 2*axis + upper; NaN where nothing is stored */
     float apron_samples[CUBE_MAX];
-    uint16_t inside[FACE_MAX];       /* by row y + (k+1) z: bit x is set where the sample is inside */
-    uint32_t index[3][CUBE_MAX];     /* by axis and lower end of an edge: its vertex */
+    uint16_t inside[FACE_MAX];   /* by row y + (k+1) z: bit x is set where the sample is inside */
+    uint32_t index[3][CUBE_MAX]; /* by axis and lower end of an edge: its vertex */
     df_mc_patch patch;
 } scratch;
 
@@ -71,15 +72,18 @@ uint64_t df_mesh_bytes(const df_mesh *mesh) {
     return mesh->vertex_count * vertex + mesh->triangle_count * (uint64_t)(3 * sizeof(uint32_t));
 }
 
-df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count, bool normals, df_error *err) {
+df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count,
+                           bool normals, df_error *err) {
     memset(mesh, 0, sizeof *mesh);
     if (3 * triangle_count > DF_MESH_INDEX_MAX || vertex_count > DF_MESH_INDEX_MAX) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: the mesh would have %" PRIu64 " triangles (at most %u are possible)", name, triangle_count,
-                       DF_MESH_INDEX_MAX / 3);
+        return df_fail(err, DF_ERROR_INPUT, "%s: the mesh would have %" PRIu64 " triangles (at most %u are possible)",
+                       name, triangle_count, DF_MESH_INDEX_MAX / 3);
     }
     df_status status = df_alloc_raw((void **)&mesh->positions, vertex_count, 3 * sizeof(double), "mesh positions", err);
-    if (status == DF_OK && normals) status = df_alloc_raw((void **)&mesh->normals, vertex_count, 3 * sizeof(float), "mesh normals", err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&mesh->triangles, triangle_count, 3 * sizeof(uint32_t), "mesh triangles", err);
+    if (status == DF_OK && normals)
+        status = df_alloc_raw((void **)&mesh->normals, vertex_count, 3 * sizeof(float), "mesh normals", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&mesh->triangles, triangle_count, 3 * sizeof(uint32_t), "mesh triangles", err);
     if (status != DF_OK) {
         df_mesh_free(mesh);
         return status;
@@ -162,7 +166,8 @@ static void open_view(const grid *g, const uint32_t cell[3], uint32_t slot, floa
     int exponent = field->kind == DF_FIELD_DENSE ? field->step_exponent : field->brick_exponents[slot];
     for (uint32_t z = 0; z <= v->voxels[2]; z++) {
         for (uint32_t y = 0; y <= v->voxels[1]; y++) {
-            decode(field, first + y * stride[1] + z * stride[2], v->voxels[0] + 1, exponent, samples + side * (y + side * z));
+            decode(field, first + y * stride[1] + z * stride[2], v->voxels[0] + 1, exponent,
+                   samples + side * (y + side * z));
         }
     }
     v->values = samples;
@@ -369,7 +374,8 @@ static void load_apron(const grid *g, scratch *s) {
         for (uint32_t j = 0; j <= v->voxels[w]; j++) {
             for (uint32_t i = 0; i <= v->voxels[u]; i++) {
                 uint64_t at = (upper ? 1 : g->k - 1) * (slot != DF_MC_NONE ? other.stride[axis] : 0);
-                s->apron[face][i + side * j] = slot == DF_MC_NONE ? NAN : other.values[at + i * other.stride[u] + j * other.stride[w]];
+                s->apron[face][i + side * j] =
+                    slot == DF_MC_NONE ? NAN : other.values[at + i * other.stride[u] + j * other.stride[w]];
             }
         }
     }
@@ -390,12 +396,14 @@ static void sample_gradient(const grid *g, const scratch *s, const uint32_t at[3
 }
 
 /* The vertex on the edge from a sample of the view along an axis. */
-static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], uint32_t axis, double *position, float *normal) {
+static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], uint32_t axis, double *position,
+                        float *normal) {
     const view *v = &s->view;
     uint32_t end[3] = {at[0], at[1], at[2]};
     end[axis]++;
     double iso = (double)g->params.iso;
-    double low = (double)value_at(v, at[0], at[1], at[2]) - iso, high = (double)value_at(v, end[0], end[1], end[2]) - iso;
+    double low = (double)value_at(v, at[0], at[1], at[2]) - iso,
+           high = (double)value_at(v, end[0], end[1], end[2]) - iso;
     double t = low / (low - high);
     for (uint32_t a = 0; a < 3; a++) position[a] = (double)v->cell[a] * g->k + at[a] + (a == axis ? t : 0);
     if (!normal) return;
@@ -416,7 +424,8 @@ static void write_edge_vertices(const grid *g, const block *b, scratch *s, df_me
             for (uint32_t axis = 0; axis < 3; axis++, row++) {
                 for (uint32_t bits = *row; bits; bits &= bits - 1, vertex++) {
                     uint32_t at[3] = {(uint32_t)__builtin_ctz(bits), y, z};
-                    edge_vertex(g, s, at, axis, mesh->positions + 3 * vertex, mesh->normals ? mesh->normals + 3 * vertex : NULL);
+                    edge_vertex(g, s, at, axis, mesh->positions + 3 * vertex,
+                                mesh->normals ? mesh->normals + 3 * vertex : NULL);
                 }
             }
         }
@@ -424,17 +433,19 @@ static void write_edge_vertices(const grid *g, const block *b, scratch *s, df_me
 }
 
 /* The normal within a voxel: the trilinear gradient there. */
-static void interior_normal(const grid *g, const scratch *s, const uint32_t at[3], const double local[3], float *normal) {
+static void interior_normal(const grid *g, const scratch *s, const uint32_t at[3], const double local[3],
+                            float *normal) {
     float corners[8];
     double gradient[3], up[3] = {0, 0, 1};
-    for (uint32_t c = 0; c < 8; c++) corners[c] = value_at(&s->view, at[0] + (c & 1), at[1] + (c >> 1 & 1), at[2] + (c >> 2));
+    for (uint32_t c = 0; c < 8; c++)
+        corners[c] = value_at(&s->view, at[0] + (c & 1), at[1] + (c >> 1 & 1), at[2] + (c >> 2));
     df_trilinear_gradient(corners, local, gradient);
     df_mc_normal(g->field, gradient, up, normal);
 }
 
 /* Writes the triangles of a voxel that fill_voxel made, and its interior vertices from *vertex on. */
-static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], const uint32_t edges[DF_MC_EDGE_COUNT], uint64_t *vertex,
-                        uint32_t *triangles, df_mesh *mesh) {
+static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], const uint32_t edges[DF_MC_EDGE_COUNT],
+                        uint64_t *vertex, uint32_t *triangles, df_mesh *mesh) {
     const df_mc_patch *patch = &s->patch;
     for (uint32_t t = 0; t < patch->triangle_count; t++) {
         for (int i = 0; i < 3; i++) {
@@ -450,7 +461,8 @@ static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], c
 }
 
 /* The vertices on the 12 edges of a voxel, DF_MC_NONE where there is none. */
-static void voxel_edges(const scratch *s, uint32_t side, uint32_t x, uint32_t y, uint32_t z, uint32_t edges[DF_MC_EDGE_COUNT]) {
+static void voxel_edges(const scratch *s, uint32_t side, uint32_t x, uint32_t y, uint32_t z,
+                        uint32_t edges[DF_MC_EDGE_COUNT]) {
     uint32_t at = x + side * (y + side * z), dy = side, dz = side * side;
     const uint32_t *i0 = s->index[0] + at, *i1 = s->index[1] + at, *i2 = s->index[2] + at;
     edges[0] = i0[0], edges[1] = i0[dy], edges[2] = i0[dz], edges[3] = i0[dy + dz];
@@ -473,7 +485,8 @@ static bool write_block(const grid *g, const block *b, scratch *s, df_mesh *mesh
         for (uint32_t y = 0; y < s->view.voxels[1]; y++) {
             uint32_t rows[4], edges[DF_MC_EDGE_COUNT];
             for (uint32_t left = crossed_voxels(s, side, y, z, rows); left; left &= left - 1) {
-                uint32_t x = (uint32_t)__builtin_ctz(left), signs = corner_signs(rows, x), count = g->tables.triangle_count[signs];
+                uint32_t x = (uint32_t)__builtin_ctz(left), signs = corner_signs(rows, x),
+                         count = g->tables.triangle_count[signs];
                 voxel_edges(s, side, x, y, z, edges);
                 if (count == DF_MC_BY_VALUES) {
                     fill_voxel(g, s, x, y, z);
@@ -499,7 +512,8 @@ static void free_scratch(scratch *all, int count) {
 
 static df_status make_scratch(scratch **all, int count, df_error *err) {
     df_status status = df_alloc((void **)all, (uint64_t)count, sizeof **all, "marching cubes", err);
-    for (int i = 0; status == DF_OK && i < count; i++) status = df_mc_patch_begin(&(*all)[i].patch, DF_MC_EDGE_COUNT, err);
+    for (int i = 0; status == DF_OK && i < count; i++)
+        status = df_mc_patch_begin(&(*all)[i].patch, DF_MC_EDGE_COUNT, err);
     return status;
 }
 
@@ -521,13 +535,17 @@ static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh
     }
     if (!incomplete) return DF_OK;
     df_mesh_free(mesh);
-    return df_fail(err, DF_ERROR_FORMAT, "%s: the samples of %" PRIu64 " bricks differ from those that their neighbours share", name, incomplete);
+    return df_fail(err, DF_ERROR_FORMAT,
+                   "%s: the samples of %" PRIu64 " bricks differ from those that their neighbours share", name,
+                   incomplete);
 }
 
-static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
+static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+                              df_error *err) {
     grid g = {.field = field, .params = *params, .k = field->kind == DF_FIELD_BRICKS ? field->brick_size : DENSE_BLOCK};
     for (int a = 0; a < 3; a++) g.cell_count[a] = (field->voxel_count[a] + g.k - 1) / g.k;
-    for (uint32_t bits = 1; bits < sizeof g.bit_count; bits++) g.bit_count[bits] = (uint8_t)(g.bit_count[bits >> 1] + (bits & 1));
+    for (uint32_t bits = 1; bits < sizeof g.bit_count; bits++)
+        g.bit_count[bits] = (uint8_t)(g.bit_count[bits >> 1] + (bits & 1));
     df_mc_tables_make(&g.tables, params->method == DF_MC_CORRECT);
     scratch *all = NULL;
     int threads = df_mc_threads(params);
@@ -548,19 +566,20 @@ uint64_t df_mesh_work(const df_field *field) {
     return 2 * blocks;
 }
 
-df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
+df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+                          df_error *err) {
     memset(mesh, 0, sizeof *mesh);
     const float iso = params->iso;
     float low = -INFINITY, high = INFINITY;
     if (iso != 0) df_field_iso_range(field, &low, &high); /* 0 is what every field is made for */
     if (!isfinite(iso)) return df_fail(err, DF_ERROR_USAGE, "%s: iso %g is not a finite number", name, (double)iso);
     if (!(field->value_min < iso && iso <= field->value_max)) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso, (double)field->value_min,
-                       (double)field->value_max);
+        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso,
+                       (double)field->value_min, (double)field->value_max);
     }
     if (!(low < iso && iso <= high)) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: the surface at iso %g leaves what is stored (above %g, up to %g)", name, (double)iso, (double)low,
-                       (double)high);
+        return df_fail(err, DF_ERROR_INPUT, "%s: the surface at iso %g leaves what is stored (above %g, up to %g)",
+                       name, (double)iso, (double)low, (double)high);
     }
     if (field->kind == DF_FIELD_ADF && params->method == DF_MC_CLASSIC) {
         return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: the classic tables do not fit the levels of an ADF", name);
@@ -568,8 +587,8 @@ df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_p
     df_status status = field->kind == DF_FIELD_ADF ? df_mc_extract_octree(field, name, params, mesh, err)
                                                    : extract_grid(field, name, params, mesh, err);
     if (status == DF_OK && !mesh->triangle_count) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso, (double)field->value_min,
-                       (double)field->value_max);
+        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso,
+                       (double)field->value_min, (double)field->value_max);
     }
     return status;
 }

@@ -19,7 +19,8 @@ static uint32_t edge_between(uint32_t a, uint32_t b) {
 
 void df_mc_face(uint32_t face, uint32_t corners[4], uint32_t edges[4]) {
     assert(face < 6);
-    uint32_t axis = face / 2, upper = face & 1, u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3, base = upper << axis;
+    uint32_t axis = face / 2, upper = face & 1, u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3,
+             base = upper << axis;
     corners[0] = base;
     corners[1] = base | (upper ? u : v);
     corners[2] = base | u | v;
@@ -35,8 +36,8 @@ static bool edges_share_face(uint32_t a, uint32_t b) {
     return ((ca[0] & ca[1] & cb[0] & cb[1]) | (~(ca[0] | ca[1] | cb[0] | cb[1]) & 7)) != 0;
 }
 
-/* Joins the crossings of one face: next[edge] follows edge in its loop. Walking around the face counter-clockwise, segments run from
- * where the walk enters the inside to where it leaves it. */
+/* Joins the crossings of one face: next[edge] follows edge in its loop. Walking around the face counter-clockwise,
+ * segments run from where the walk enters the inside to where it leaves it. */
 static void join_face(uint32_t face, uint32_t inside, bool joins, int8_t next[DF_MC_EDGE_COUNT]) {
     uint32_t corners[4], edges[4], in[4];
     df_mc_face(face, corners, edges);
@@ -45,7 +46,8 @@ static void join_face(uint32_t face, uint32_t inside, bool joins, int8_t next[DF
         if (in[i] || !in[(i + 1) % 4]) continue;
         uint32_t end = (i + 1) % 4; /* edges[i] enters; the first leaving edge after it cuts off the corners between */
         if (joins) end = (i + 3) % 4; /* the segment cuts off the outside corner i instead */
-        else while (in[(end + 1) % 4]) end = (end + 1) % 4;
+        else
+            while (in[(end + 1) % 4]) end = (end + 1) % 4;
         next[edges[i]] = (int8_t)edges[end];
     }
 }
@@ -86,14 +88,15 @@ static double diagonal_cost(uint32_t a, uint32_t b) {
     df_mc_edge_corners(a, ca);
     df_mc_edge_corners(b, cb);
     for (int axis = 0; axis < 3; axis++) {
-        double d = 0.5 * ((ca[0] >> axis & 1) + (ca[1] >> axis & 1)) - 0.5 * ((cb[0] >> axis & 1) + (cb[1] >> axis & 1));
+        double d =
+            0.5 * ((ca[0] >> axis & 1) + (ca[1] >> axis & 1)) - 0.5 * ((cb[0] >> axis & 1) + (cb[1] >> axis & 1));
         sum += d * d;
     }
     return sum;
 }
 
-static uint32_t cut_polygon(const uint32_t *loop, uint8_t split[DF_MC_EDGE_COUNT][DF_MC_EDGE_COUNT], uint32_t from, uint32_t to,
-                            uint8_t (*triangles)[3]) {
+static uint32_t cut_polygon(const uint32_t *loop, uint8_t split[DF_MC_EDGE_COUNT][DF_MC_EDGE_COUNT], uint32_t from,
+                            uint32_t to, uint8_t (*triangles)[3]) {
     if (to - from < 2) return 0;
     uint32_t middle = split[from][to];
     uint32_t count = cut_polygon(loop, split, from, middle, triangles);
@@ -103,8 +106,8 @@ static uint32_t cut_polygon(const uint32_t *loop, uint8_t split[DF_MC_EDGE_COUNT
     return count + 1 + cut_polygon(loop, split, middle, to, triangles + count + 1);
 }
 
-/* Cuts a loop into triangles with the shortest diagonals, none in a face, by dynamic programming over sub-polygons. Returns
- * their number, 0 when there is no such cut. */
+/* Cuts a loop into triangles with the shortest diagonals, none in a face, by dynamic programming over sub-polygons.
+ * Returns their number, 0 when there is no such cut. */
 static uint32_t loop_triangles(const uint32_t *loop, uint32_t size, uint8_t (*triangles)[3]) {
     double cost[DF_MC_EDGE_COUNT][DF_MC_EDGE_COUNT] = {{0}};
     uint8_t split[DF_MC_EDGE_COUNT][DF_MC_EDGE_COUNT];
@@ -175,12 +178,19 @@ static df_status reserve(void **array, uint32_t *capacity, uint32_t count, size_
 }
 
 df_status df_mc_patch_begin(df_mc_patch *patch, uint32_t boundary_count, df_error *err) {
-    /* Loops partition the boundary vertices and have 3 at least; a tunnel adds 6 points and 12 triangles, a centre one point and 2 triangles. */
+    /* Loops partition the boundary vertices and have 3 at least; a tunnel adds 6 points and 12 triangles, a centre one
+     * point and 2 triangles. */
     uint32_t loop_max = boundary_count / 3 + 1;
-    df_status status = reserve((void **)&patch->positions, &patch->position_capacity, boundary_count + loop_max + 6, sizeof *patch->positions, err);
-    if (status == DF_OK) status = reserve((void **)&patch->loops, &patch->loop_capacity, boundary_count, sizeof *patch->loops, err);
-    if (status == DF_OK) status = reserve((void **)&patch->loop_ends, &patch->loop_end_capacity, loop_max, sizeof *patch->loop_ends, err);
-    if (status == DF_OK) status = reserve((void **)&patch->triangles, &patch->triangle_capacity, boundary_count + 12, sizeof *patch->triangles, err);
+    df_status status = reserve((void **)&patch->positions, &patch->position_capacity, boundary_count + loop_max + 6,
+                               sizeof *patch->positions, err);
+    if (status == DF_OK)
+        status = reserve((void **)&patch->loops, &patch->loop_capacity, boundary_count, sizeof *patch->loops, err);
+    if (status == DF_OK)
+        status =
+            reserve((void **)&patch->loop_ends, &patch->loop_end_capacity, loop_max, sizeof *patch->loop_ends, err);
+    if (status == DF_OK)
+        status = reserve((void **)&patch->triangles, &patch->triangle_capacity, boundary_count + 12,
+                         sizeof *patch->triangles, err);
     patch->boundary_count = patch->position_count = boundary_count;
     patch->loop_size = patch->loop_count = patch->triangle_count = 0;
     return status;
@@ -199,7 +209,8 @@ static double trilinear(const double v[8], const double p[3], double gradient[3]
     double x00 = (1 - x) * v[0] + x * v[1], x10 = (1 - x) * v[2] + x * v[3];
     double x01 = (1 - x) * v[4] + x * v[5], x11 = (1 - x) * v[6] + x * v[7];
     double y0 = (1 - y) * x00 + y * x10, y1 = (1 - y) * x01 + y * x11;
-    gradient[0] = (1 - z) * ((1 - y) * (v[1] - v[0]) + y * (v[3] - v[2])) + z * ((1 - y) * (v[5] - v[4]) + y * (v[7] - v[6]));
+    gradient[0] =
+        (1 - z) * ((1 - y) * (v[1] - v[0]) + y * (v[3] - v[2])) + z * ((1 - y) * (v[5] - v[4]) + y * (v[7] - v[6]));
     gradient[1] = (1 - z) * (x10 - x00) + z * (x11 - x01);
     gradient[2] = y1 - y0;
     return (1 - z) * y0 + z * y1;
@@ -236,8 +247,9 @@ static void fill_loop(df_mc_patch *patch, const double values[8], const uint32_t
     for (uint32_t i = 0; i < size; i++) add_triangle(patch, loop[i], loop[(i + 1) % size], centre);
 }
 
-/* The two positions on `axis`, ascending, where slices across it have their saddle on the surface. False unless both lie in
- * (0,1) and the slices between them have proper saddles. saddle: where the first slice has it, on the two next axes. */
+/* The two positions on `axis`, ascending, where slices across it have their saddle on the surface. False unless both
+ * lie in (0,1) and the slices between them have proper saddles. saddle: where the first slice has it, on the two next
+ * axes. */
 static bool slice_roots(const double v[8], uint32_t axis, double roots[2], double saddle[2]) {
     uint32_t n = 1u << axis, u = 1u << (axis + 1) % 3, w = 1u << (axis + 2) % 3;
     /* Corner values of the slice at z: low + z * rise. */
@@ -263,7 +275,8 @@ static bool slice_roots(const double v[8], uint32_t axis, double roots[2], doubl
     return true;
 }
 
-/* The hexagon of lines parallel to the axes in the surface: its corners in order. False when it is no waist within the cell. */
+/* The hexagon of lines parallel to the axes in the surface: its corners in order. False when it is no waist within the
+ * cell. */
 static bool find_waist(const double values[8], double hexagon[6][3]) {
     double roots[3][2], saddle[3][2];
     for (uint32_t axis = 0; axis < 3; axis++) {
@@ -291,9 +304,10 @@ static double distance2(const double a[3], const double b[3]) {
     return x * x + y * y + z * z;
 }
 
-/* A ring of triangles between a loop and the six vertices from `waist` on, taken forwards or backwards: starts at the closest pair and
- * takes the shorter diagonal. Returns the diagonals' total; adds the triangles when `add` is set. */
-static double join_ring(df_mc_patch *patch, const uint32_t *loop, uint32_t size, uint32_t waist, bool backwards, bool add) {
+/* A ring of triangles between a loop and the six vertices from `waist` on, taken forwards or backwards: starts at the
+ * closest pair and takes the shorter diagonal. Returns the diagonals' total; adds the triangles when `add` is set. */
+static double join_ring(df_mc_patch *patch, const uint32_t *loop, uint32_t size, uint32_t waist, bool backwards,
+                        bool add) {
     uint32_t i0 = 0, j0 = 0;
     for (uint32_t i = 0; i < size; i++) {
         for (uint32_t j = 0; j < 6; j++) {
@@ -309,12 +323,14 @@ static double join_ring(df_mc_patch *patch, const uint32_t *loop, uint32_t size,
     double total = 0;
     for (uint32_t i = 0, j = 0; i < size || j < 6;) {
         uint32_t a = loop[(i0 + i) % size], a_next = loop[(i0 + i + 1) % size];
-        uint32_t b = waist + (j0 + (backwards ? 6 - j : j)) % 6, b_next = waist + (j0 + (backwards ? 5 - j % 6 : j + 1)) % 6;
+        uint32_t b = waist + (j0 + (backwards ? 6 - j : j)) % 6,
+                 b_next = waist + (j0 + (backwards ? 5 - j % 6 : j + 1)) % 6;
         double on_loop = i < size ? distance2(patch->positions[a_next], patch->positions[b]) : (double)INFINITY;
         double on_waist = j < 6 ? distance2(patch->positions[a], patch->positions[b_next]) : (double)INFINITY;
         if (j == 0) i_at_start = i;
         if (i == 0) j_at_start = j;
-        bool may_loop = i < size && !(i + 1 == size && j == j_at_start), may_waist = j < 6 && !(j == 5 && i == i_at_start);
+        bool may_loop = i < size && !(i + 1 == size && j == j_at_start),
+             may_waist = j < 6 && !(j == 5 && i == i_at_start);
         bool along_loop = may_loop && (!may_waist || on_loop <= on_waist);
         assert(may_loop || may_waist);
         total += along_loop ? on_loop : on_waist;
@@ -369,7 +385,8 @@ static void fill_tunnel(df_mc_patch *patch, double hexagon[6][3], uint32_t *fill
     }
     double cost[2];
     for (int i = 0; i < 2; i++) {
-        cost[i] = join_ring(patch, loop[0], size[0], waist, i == 1, false) + join_ring(patch, loop[1], size[1], waist, i == 0, false);
+        cost[i] = join_ring(patch, loop[0], size[0], waist, i == 1, false) +
+                  join_ring(patch, loop[1], size[1], waist, i == 0, false);
     }
     bool backwards = cost[1] < cost[0];
     join_ring(patch, loop[0], size[0], waist, backwards, true);
@@ -380,8 +397,10 @@ static void fill_tunnel(df_mc_patch *patch, double hexagon[6][3], uint32_t *fill
 static void fill_patch(df_mc_patch *patch, const double values[8], bool plain) {
     double hexagon[6][3];
     uint32_t filled = 0, first = 0;
-    /* Rounding in the samples of an octree can leave one loop where the corners ask for two; more than three cannot meet a waist. */
-    if ((patch->loop_count == 2 || patch->loop_count == 3) && find_waist(values, hexagon)) fill_tunnel(patch, hexagon, &filled);
+    /* Rounding in the samples of an octree can leave one loop where the corners ask for two; more than three cannot
+     * meet a waist. */
+    if ((patch->loop_count == 2 || patch->loop_count == 3) && find_waist(values, hexagon))
+        fill_tunnel(patch, hexagon, &filled);
     for (uint32_t l = 0; l < patch->loop_count; first = patch->loop_ends[l++]) {
         const uint32_t *loop = patch->loops + first;
         uint32_t size = patch->loop_ends[l] - first, count = 0;
@@ -393,9 +412,7 @@ static void fill_patch(df_mc_patch *patch, const double values[8], bool plain) {
     }
 }
 
-void df_mc_patch_fill(df_mc_patch *patch, const double values[8]) {
-    fill_patch(patch, values, false);
-}
+void df_mc_patch_fill(df_mc_patch *patch, const double values[8]) { fill_patch(patch, values, false); }
 
 df_status df_mc_cell_fill(df_mc_patch *patch, const double values[8], df_error *err) {
     df_status status = df_mc_patch_begin(patch, DF_MC_EDGE_COUNT, err);

@@ -13,7 +13,9 @@ df_status df_mc_model_make(const df_scene *scene, uint32_t threads, df_mc_model 
     const double start = df_now_ms();
     const df_mc_params params = {.iso = scene->iso, .thread_count = threads};
     df_status status = df_mesh_extract(scene->field, "the field", &params, &mesh, err);
-    if (status == DF_OK) status = df_alloc_raw((void **)&model->positions, 3 * (uint64_t)mesh.vertex_count + 1, sizeof(float), "mesh positions", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&model->positions, 3 * (uint64_t)mesh.vertex_count + 1, sizeof(float),
+                              "mesh positions", err);
     if (status == DF_OK) {
         for (uint64_t i = 0; i < 3 * (uint64_t)mesh.vertex_count; i++) model->positions[i] = (float)mesh.positions[i];
         model->positions[3 * (uint64_t)mesh.vertex_count] = 0;
@@ -37,10 +39,12 @@ void df_mc_model_free(df_mc_model *model) {
 }
 
 uint64_t df_mc_model_bytes(const df_mc_model *model) {
-    return model->vertex_count * (uint64_t)(6 * sizeof(float)) + model->triangle_count * (uint64_t)(3 * sizeof(uint32_t));
+    return model->vertex_count * (uint64_t)(6 * sizeof(float)) +
+           model->triangle_count * (uint64_t)(3 * sizeof(uint32_t));
 }
 
-void df_mc_model_hit(const df_scene *scene, const df_rays *rays, uint32_t ray, float t, const float normal[3], bool back, df_hits *hits) {
+void df_mc_model_hit(const df_scene *scene, const df_rays *rays, uint32_t ray, float t, const float normal[3],
+                     bool back, df_hits *hits) {
     const uint32_t i = hits->count++;
     assert(i < hits->capacity);
     hits->ray[i] = ray;

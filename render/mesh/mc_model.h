@@ -1,4 +1,5 @@
-/* The marching-cubes mesh of a scene as the tracers mc-embree and mc-raster draw it: in float, as their libraries want it. */
+/* The marching-cubes mesh of a scene as the tracers mc-embree and mc-raster draw it: in float, as their libraries want
+ * it. */
 #ifndef DF_MC_MODEL_H
 #define DF_MC_MODEL_H
 
@@ -17,6 +18,7 @@ void df_mc_model_free(df_mc_model *model);
 uint64_t df_mc_model_bytes(const df_mc_model *model);
 
 /* Appends the hit of ray `ray` of a tile at t (as the ray knows it, without t_base), with the mesh's normal there. */
-void df_mc_model_hit(const df_scene *scene, const df_rays *rays, uint32_t ray, float t, const float normal[3], bool back, df_hits *hits);
+void df_mc_model_hit(const df_scene *scene, const df_rays *rays, uint32_t ray, float t, const float normal[3],
+                     bool back, df_hits *hits);
 
 #endif

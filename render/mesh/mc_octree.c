@@ -1,11 +1,13 @@
 /*
  * Marching cubes over the leaves of an ADF.
  *
- * Where leaves of different size meet, the coarser one follows the finer: a crossing lies on the shortest edge that any leaf has there,
- * and a coarse leaf's face is cut where the leaves beyond it are, so that both sides draw the same line. The values at hanging corners are the coarse
- * leaf's interpolated ones (field.h), so an edge is crossed once however it is divided. A leaf with such a face gets a fan around a vertex in its interior.
+ * Where leaves of different size meet, the coarser one follows the finer: a crossing lies on the shortest edge that any
+ * leaf has there, and a coarse leaf's face is cut where the leaves beyond it are, so that both sides draw the same
+ * line. The values at hanging corners are the coarse leaf's interpolated ones (field.h), so an edge is crossed once
+ * however it is divided. A leaf with such a face gets a fan around a vertex in its interior.
  *
- * A vertex is numbered by its family, then by the leaf that owns its edge, then by the edge; a family's interior vertices come last.
+ * A vertex is numbered by its family, then by the leaf that owns its edge, then by the edge; a family's interior
+ * vertices come last.
  */
 #include "common/memory.h"
 #include "render/mesh/mc_cell.h"
@@ -19,9 +21,9 @@
 #include <string.h>
 
 typedef struct family_record {
-    uint16_t corner[3];     /* of the parent cell */
-    uint16_t child_side;    /* voxels */
-    uint16_t owned[8];      /* by child: the edges on which it owns a vertex, as bits */
+    uint16_t corner[3];  /* of the parent cell */
+    uint16_t child_side; /* voxels */
+    uint16_t owned[8];   /* by child: the edges on which it owns a vertex, as bits */
     uint32_t vertex_first, edge_count;
     uint32_t triangle_first;
 } family_record;
@@ -78,7 +80,8 @@ static bool find_cell(const octree *o, const uint32_t voxel[3], uint32_t side, d
     return true;
 }
 
-/* The voxel at `corner` in quadrant 0..3 around a line along an axis: bits 0 and 1 set: below on the first, second of the other axes. */
+/* The voxel at `corner` in quadrant 0..3 around a line along an axis: bits 0 and 1 set: below on the first, second of
+ * the other axes. */
 static void quadrant_voxel(const uint32_t corner[3], uint32_t axis, uint32_t quadrant, uint32_t voxel[3]) {
     uint32_t low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
     memcpy(voxel, corner, 3 * sizeof *voxel);
@@ -115,9 +118,10 @@ static void refine_edge(const octree *o, edge *e) {
     }
 }
 
-/* The leaf that owns a vertex on an edge that no leaf divides: the first around it that is as short. Sets *used when a leaf around it
- * reaches into the field's box. */
-static void find_owner(const octree *o, const edge *e, uint32_t *family, uint32_t *child, uint32_t *local_edge, bool *used) {
+/* The leaf that owns a vertex on an edge that no leaf divides: the first around it that is as short. Sets *used when a
+ * leaf around it reaches into the field's box. */
+static void find_owner(const octree *o, const edge *e, uint32_t *family, uint32_t *child, uint32_t *local_edge,
+                       bool *used) {
     *family = DF_MC_NONE;
     *used = false;
     for (uint32_t quadrant = 0; quadrant < 4; quadrant++) {
@@ -156,7 +160,9 @@ static void load_leaf(const octree *o, const df_adf_cell *cell, leaf *l) {
 
 static void family_child(const octree *o, uint32_t family, uint32_t child, df_adf_cell *cell) {
     const family_record *r = &o->records[family];
-    *cell = (df_adf_cell){.side = r->child_side, .family = family, .child = child,
+    *cell = (df_adf_cell){.side = r->child_side,
+                          .family = family,
+                          .child = child,
                           .state = (df_child_state)(o->field->families[family].states >> 2 * child & 3)};
     for (uint32_t a = 0; a < 3; a++) cell->corner[a] = r->corner[a] + (child >> a & 1) * cell->side;
 }
@@ -203,7 +209,8 @@ static df_status find_crossing(const octree *o, scratch *s, edge e, uint32_t *nu
 }
 
 /* Joins two edges of a face, numbered as in df_mc_face, of the cell `l` that lies on the near side of the face. */
-static df_status join_edges(const octree *o, scratch *s, const leaf *l, uint32_t from_edge, uint32_t to_edge, df_error *err) {
+static df_status join_edges(const octree *o, scratch *s, const leaf *l, uint32_t from_edge, uint32_t to_edge,
+                            df_error *err) {
     edge e;
     uint32_t from, to;
     set_edge(l, from_edge, &e);
@@ -214,7 +221,8 @@ static df_status join_edges(const octree *o, scratch *s, const leaf *l, uint32_t
     return status;
 }
 
-/* The segments on an undivided piece of a face. `l` is the leaf whose face it is: the near one, or (mirrored) the finer one beyond. */
+/* The segments on an undivided piece of a face. `l` is the leaf whose face it is: the near one, or (mirrored) the finer
+ * one beyond. */
 static df_status join_piece(const octree *o, scratch *s, const leaf *l, uint32_t face, bool mirrored, df_error *err) {
     uint32_t corners[4], edges[4], in[4], count = 0;
     df_mc_face(face, corners, edges);
@@ -223,13 +231,17 @@ static df_status join_piece(const octree *o, scratch *s, const leaf *l, uint32_t
     if (count == 2 && in[0] == in[2]) {
         uint32_t first = in[0] ? 0 : 1;
         const double *v = l->values;
-        joins = df_mc_face_joins(v[corners[first]], v[corners[first + 1]], v[corners[first + 2]], v[corners[(first + 3) % 4]]);
+        joins = df_mc_face_joins(v[corners[first]], v[corners[first + 1]], v[corners[first + 2]],
+                                 v[corners[(first + 3) % 4]]);
     }
     for (uint32_t i = 0; i < 4; i++) {
         if (in[i] || !in[(i + 1) % 4]) continue;
-        uint32_t end = (i + 1) % 4; /* as in mc_cell.c: from where the walk around the face enters the inside to where it leaves it */
+        uint32_t end =
+            (i + 1) %
+            4; /* as in mc_cell.c: from where the walk around the face enters the inside to where it leaves it */
         if (joins) end = (i + 3) % 4;
-        else while (in[(end + 1) % 4]) end = (end + 1) % 4;
+        else
+            while (in[(end + 1) % 4]) end = (end + 1) % 4;
         uint32_t from = mirrored ? edges[end] : edges[i], to = mirrored ? edges[i] : edges[end];
         df_status status = join_edges(o, s, l, from, to, err);
         if (status != DF_OK) return status;
@@ -273,13 +285,15 @@ static df_status close_loops(const octree *o, scratch *s, const leaf *l, df_erro
         uint32_t begin = patch->loop_size;
         for (uint32_t i = first, next; s->crossings[i].next != i; i = next) {
             next = s->crossings[i].next;
-            if (next == DF_MC_NONE) return df_fail(err, DF_ERROR_FORMAT, "%s: leaves that share a face differ in its samples", o->name);
+            if (next == DF_MC_NONE)
+                return df_fail(err, DF_ERROR_FORMAT, "%s: leaves that share a face differ in its samples", o->name);
             patch->loops[patch->loop_size++] = i;
             s->crossings[i].next = i; /* done */
             if (next == first) break;
         }
         if (patch->loop_size == begin) continue;
-        if (patch->loop_size - begin < 3) return df_fail(err, DF_ERROR_FORMAT, "%s: leaves that share a face differ in its samples", o->name);
+        if (patch->loop_size - begin < 3)
+            return df_fail(err, DF_ERROR_FORMAT, "%s: leaves that share a face differ in its samples", o->name);
         patch->loop_ends[patch->loop_count++] = patch->loop_size;
     }
     return DF_OK;
@@ -377,7 +391,8 @@ static double value_at(const octree *o, const double grid[3]) {
 }
 
 /* Central differences over `width` voxels, within the root. */
-static void vertex_normal(const octree *o, const double position[3], double width, const double fallback[3], float normal[3]) {
+static void vertex_normal(const octree *o, const double position[3], double width, const double fallback[3],
+                          float normal[3]) {
     double gradient[3], root = 1u << o->field->level_count;
     for (int a = 0; a < 3; a++) {
         double low[3], high[3];
@@ -395,14 +410,16 @@ static void write_owned(const octree *o, const leaf *l, uint32_t owned, uint64_t
         edge e;
         double *position = mesh->positions + 3 * *vertex, fallback[3] = {0};
         set_edge(l, (uint32_t)__builtin_ctz(owned), &e);
-        for (uint32_t a = 0; a < 3; a++) position[a] = e.corner[a] + (a == e.axis ? e.low / (e.low - e.high) * e.length : 0);
+        for (uint32_t a = 0; a < 3; a++)
+            position[a] = e.corner[a] + (a == e.axis ? e.low / (e.low - e.high) * e.length : 0);
         fallback[e.axis] = e.high - e.low;
         if (mesh->normals) vertex_normal(o, position, e.length, fallback, mesh->normals + 3 * *vertex);
     }
 }
 
 /* Writes the triangles of a leaf and its interior vertices. Returns false where a vertex is nobody's. */
-static bool write_leaf(const octree *o, const scratch *s, const leaf *l, uint64_t *vertex, uint32_t **triangles, df_mesh *mesh) {
+static bool write_leaf(const octree *o, const scratch *s, const leaf *l, uint64_t *vertex, uint32_t **triangles,
+                       df_mesh *mesh) {
     const df_mc_patch *patch = &s->patch;
     uint32_t missing = 0;
     for (uint32_t t = 0; t < patch->triangle_count; t++) {
@@ -503,7 +520,8 @@ static df_status extract(octree *o, scratch *all, df_mesh *mesh, df_error *err) 
     return status;
 }
 
-df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh, df_error *err) {
+df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+                               df_error *err) {
     octree o = {.field = field, .name = name, .params = *params};
     scratch *all = NULL;
     int threads = df_mc_threads(params);

@@ -56,11 +56,15 @@ static void world_position(const df_mesh *mesh, const df_field *field, uint32_t 
 }
 
 static void write_ply(stream *s, const df_mesh *mesh, const df_field *field) {
-    s->used += (size_t)snprintf(room(s), RECORD_MAX, "ply\nformat binary_little_endian 1.0\ncomment distfield " DF_VERSION "\n");
-    s->used += (size_t)snprintf(room(s), RECORD_MAX, "element vertex %" PRIu32 "\nproperty double x\nproperty double y\nproperty double z\n",
+    s->used += (size_t)snprintf(room(s), RECORD_MAX,
+                                "ply\nformat binary_little_endian 1.0\ncomment distfield " DF_VERSION "\n");
+    s->used += (size_t)snprintf(room(s), RECORD_MAX,
+                                "element vertex %" PRIu32 "\nproperty double x\nproperty double y\nproperty double z\n",
                                 mesh->vertex_count);
-    if (mesh->normals) s->used += (size_t)snprintf(room(s), RECORD_MAX, "property float nx\nproperty float ny\nproperty float nz\n");
-    s->used += (size_t)snprintf(room(s), RECORD_MAX, "element face %" PRIu32 "\nproperty list uchar int vertex_indices\nend_header\n",
+    if (mesh->normals)
+        s->used += (size_t)snprintf(room(s), RECORD_MAX, "property float nx\nproperty float ny\nproperty float nz\n");
+    s->used += (size_t)snprintf(room(s), RECORD_MAX,
+                                "element face %" PRIu32 "\nproperty list uchar int vertex_indices\nend_header\n",
                                 mesh->triangle_count);
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         double world[3];
@@ -84,14 +88,16 @@ static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
     }
     for (uint32_t v = 0; mesh->normals && v < mesh->vertex_count; v++) {
         const float *n = mesh->normals + 3 * (size_t)v;
-        s->used += (size_t)snprintf(room(s), RECORD_MAX, "vn %.6g %.6g %.6g\n", (double)n[0], (double)n[1], (double)n[2]);
+        s->used +=
+            (size_t)snprintf(room(s), RECORD_MAX, "vn %.6g %.6g %.6g\n", (double)n[0], (double)n[1], (double)n[2]);
     }
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         const uint32_t *v = mesh->triangles + 3 * (size_t)t;
         const uint32_t a = v[0] + 1, b = v[1] + 1, c = v[2] + 1;
         if (mesh->normals) {
-            s->used += (size_t)snprintf(room(s), RECORD_MAX, "f %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 "\n", a, a,
-                                        b, b, c, c);
+            s->used += (size_t)snprintf(
+                room(s), RECORD_MAX, "f %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 "\n",
+                a, a, b, b, c, c);
         } else {
             s->used += (size_t)snprintf(room(s), RECORD_MAX, "f %" PRIu32 " %" PRIu32 " %" PRIu32 "\n", a, b, c);
         }

@@ -1,5 +1,5 @@
-/* Triangle meshes to files: .ply (binary, little endian, double positions, float normals), .obj, .stl (binary). World coordinates. Files
- * are written through common/output_file.h. */
+/* Triangle meshes to files: .ply (binary, little endian, double positions, float normals), .obj, .stl (binary). World
+ * coordinates. Files are written through common/output_file.h. */
 #ifndef DF_MESH_FILE_H
 #define DF_MESH_FILE_H
 
@@ -8,8 +8,9 @@
 /* DF_ERROR_USAGE unless the name ends in .ply, .obj or .stl: to refuse a wrong one before the work. */
 df_status df_mesh_check_path(const char *path, df_error *err);
 
-/* Writes a mesh of `field` in the format that the extension names. PLY and OBJ carry the normals when there are some; STL has
- * those of the triangles, and its positions are relative to the world's origin in float, as the format has it. */
+/* Writes a mesh of `field` in the format that the extension names. PLY and OBJ carry the normals when there are some;
+ * STL has those of the triangles, and its positions are relative to the world's origin in float, as the format has it.
+ */
 df_status df_mesh_write(const df_mesh *mesh, const df_field *field, const char *path, df_error *err);
 
 #endif

@@ -1,9 +1,10 @@
 /*
- * The marching-cubes mesh ray traced by Embree: packets of the widest native size, coherent, its best BVH, not robust: its fastest mode.
+ * The marching-cubes mesh ray traced by Embree: packets of the widest native size, coherent, its best BVH, not robust:
+ * its fastest mode.
  */
-#include "render/mesh/mc_model.h"
 #include "common/memory.h"
 #include "common/progress.h"
+#include "render/mesh/mc_model.h"
 
 #include <embree3/rtcore.h>
 #include <math.h>
@@ -40,15 +41,19 @@ static df_status build(embree_state *state, uint32_t threads, df_error *err) {
     char config[64];
     snprintf(config, sizeof config, "threads=%u", threads);
     state->device = rtcNewDevice(config);
-    if (!state->device) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-embree: Embree does not start (error %d)", (int)rtcGetDeviceError(NULL));
+    if (!state->device)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-embree: Embree does not start (error %d)",
+                       (int)rtcGetDeviceError(NULL));
     rtcSetDeviceMemoryMonitorFunction(state->device, count_memory, state);
     state->lanes = rtcGetDeviceProperty(state->device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED)  ? 16
                    : rtcGetDeviceProperty(state->device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) ? 8
                                                                                                     : 4;
     RTCGeometry geometry = rtcNewGeometry(state->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     const df_mc_model *model = &state->model;
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, model->positions, 0, 3 * sizeof(float), model->vertex_count);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, model->triangles, 0, 3 * sizeof(uint32_t), model->triangle_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, model->positions, 0,
+                               3 * sizeof(float), model->vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, model->triangles, 0,
+                               3 * sizeof(uint32_t), model->triangle_count);
     rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_HIGH);
     rtcCommitGeometry(geometry);
     state->rtc_scene = rtcNewScene(state->device);
@@ -57,8 +62,11 @@ static df_status build(embree_state *state, uint32_t threads, df_error *err) {
     rtcReleaseGeometry(geometry);
     rtcCommitScene(state->rtc_scene);
     const enum RTCError error = rtcGetDeviceError(state->device);
-    if (error == RTC_ERROR_OUT_OF_MEMORY) return df_fail(err, DF_ERROR_MEMORY, "--tracer mc-embree: no memory for the tree over %u triangles", model->triangle_count);
-    if (error != RTC_ERROR_NONE) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-embree: Embree fails with error %d", (int)error);
+    if (error == RTC_ERROR_OUT_OF_MEMORY)
+        return df_fail(err, DF_ERROR_MEMORY, "--tracer mc-embree: no memory for the tree over %u triangles",
+                       model->triangle_count);
+    if (error != RTC_ERROR_NONE)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-embree: Embree fails with error %d", (int)error);
     return DF_OK;
 }
 
@@ -102,10 +110,13 @@ static void intersect(const embree_state *state, packet *p) {
     enum { ARRAYS = sizeof(struct RTCRayHit16) / (16 * sizeof(float)) };
     for (uint32_t first = 0; first < 16; first += state->lanes) {
         _Alignas(64) float narrow[ARRAYS * 8];
-        for (uint32_t i = 0; i < ARRAYS; i++) memcpy(narrow + i * state->lanes, (float *)&p->hit + 16 * i + first, state->lanes * sizeof(float));
-        if (state->lanes == 8) rtcIntersect8(p->valid + first, state->rtc_scene, &context, (struct RTCRayHit8 *)(void *)narrow);
+        for (uint32_t i = 0; i < ARRAYS; i++)
+            memcpy(narrow + i * state->lanes, (float *)&p->hit + 16 * i + first, state->lanes * sizeof(float));
+        if (state->lanes == 8)
+            rtcIntersect8(p->valid + first, state->rtc_scene, &context, (struct RTCRayHit8 *)(void *)narrow);
         else rtcIntersect4(p->valid + first, state->rtc_scene, &context, (struct RTCRayHit4 *)(void *)narrow);
-        for (uint32_t i = 0; i < ARRAYS; i++) memcpy((float *)&p->hit + 16 * i + first, narrow + i * state->lanes, state->lanes * sizeof(float));
+        for (uint32_t i = 0; i < ARRAYS; i++)
+            memcpy((float *)&p->hit + 16 * i + first, narrow + i * state->lanes, state->lanes * sizeof(float));
     }
 }
 
@@ -114,7 +125,8 @@ static void load_packet(const df_tile *tile, uint32_t x, uint32_t y, packet *p) 
     for (uint32_t i = 0; i < 16; i++) {
         const uint32_t column = x + i % 4, row = y + i / 4;
         const bool valid = column < tile->width && row < tile->height;
-        const uint32_t ray = valid ? column + tile->width * row : y * tile->width + x, from = rays->shared_origin ? 0 : ray;
+        const uint32_t ray = valid ? column + tile->width * row : y * tile->width + x,
+                       from = rays->shared_origin ? 0 : ray;
         p->valid[i] = valid ? -1 : 0;
         p->ray[i] = ray;
         p->hit.ray.org_x[i] = rays->origin[0][from];
@@ -140,15 +152,16 @@ static void store_hit(const embree_state *state, const df_tile *tile, const pack
     const float u = p->hit.hit.u[i], w = p->hit.hit.v[i];
     float normal[3];
     for (int a = 0; a < 3; a++) {
-        normal[a] = (1 - u - w) * model->normals[3 * (size_t)v[0] + (size_t)a] + u * model->normals[3 * (size_t)v[1] + (size_t)a] +
-                    w * model->normals[3 * (size_t)v[2] + (size_t)a];
+        normal[a] = (1 - u - w) * model->normals[3 * (size_t)v[0] + (size_t)a] +
+                    u * model->normals[3 * (size_t)v[1] + (size_t)a] + w * model->normals[3 * (size_t)v[2] + (size_t)a];
     }
     const float away = p->hit.hit.Ng_x[i] * rays->direction[0][ray] + p->hit.hit.Ng_y[i] * rays->direction[1][ray] +
                        p->hit.hit.Ng_z[i] * rays->direction[2][ray];
     df_mc_model_hit(state->scene, rays, ray, p->hit.ray.tfar[i], normal, away > 0, hits);
 }
 
-static df_status embree_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status embree_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                              df_error *err) {
     (void)thread;
     (void)counters;
     (void)err;

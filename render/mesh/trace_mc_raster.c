@@ -1,10 +1,11 @@
 /*
- * The marching-cubes mesh drawn as triangles by OpenGL, through EGL and without a window: hardware where there is one, Mesa's
- * llvmpipe otherwise. A vertex's clip coordinate w is the parameter t of the rays through it, so that 1 / gl_FragCoord.w is a pixel's t; it
- * goes to a float target with the normal. The depth buffer only hides surfaces and is not read.
+ * The marching-cubes mesh drawn as triangles by OpenGL, through EGL and without a window: hardware where there is one,
+ * Mesa's llvmpipe otherwise. A vertex's clip coordinate w is the parameter t of the rays through it, so that 1 /
+ * gl_FragCoord.w is a pixel's t; it goes to a float target with the normal. The depth buffer only hides surfaces and is
+ * not read.
  */
-#include "render/mesh/mc_model.h"
 #include "common/memory.h"
+#include "render/mesh/mc_model.h"
 
 #define GL_GLEXT_PROTOTYPES
 #include <EGL/egl.h>
@@ -24,7 +25,7 @@ typedef struct raster_state {
     GLuint frame_buffer, target, depth;
     uint32_t width, height; /* of the targets */
     uint32_t first_row, view_width;
-    float *pixels;          /* normal and t, rows from first_row on; t = 0: nothing */
+    float *pixels; /* normal and t, rows from first_row on; t = 0: nothing */
     uint64_t pixel_capacity;
 } raster_state;
 
@@ -38,18 +39,21 @@ static const char vertex_text[] = "#version 330 core\n"
                                   "    surface_normal = normal;\n"
                                   "    gl_Position = projection * vec4(position - eye, 1.0);\n"
                                   "}\n";
-static const char fragment_text[] = "#version 330 core\n"
-                                    "in vec3 surface_normal;\n"
-                                    "out vec4 pixel;\n"
-                                    "void main() {\n"
-                                    "    pixel = vec4(surface_normal, (gl_FrontFacing ? -1.0 : 1.0) / gl_FragCoord.w);\n" /* y runs down: fronts turn */
-                                    "}\n";
+static const char fragment_text[] =
+    "#version 330 core\n"
+    "in vec3 surface_normal;\n"
+    "out vec4 pixel;\n"
+    "void main() {\n"
+    "    pixel = vec4(surface_normal, (gl_FrontFacing ? -1.0 : 1.0) / gl_FragCoord.w);\n" /* y runs down: fronts turn */
+    "}\n";
 
 static df_status open_context(raster_state *state, df_error *err) {
     static const char *const what = "--tracer mc-raster: EGL offers no OpenGL without a window";
-    const EGLint context_attributes[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                         EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
-    const EGLint config_attributes[] = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_NONE};
+    const EGLint context_attributes[] = {
+        EGL_CONTEXT_MAJOR_VERSION,           3,       EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+    const EGLint config_attributes[] = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, EGL_PBUFFER_BIT,
+                                        EGL_NONE};
     EGLConfig config;
     EGLint count = 0;
     state->display = eglGetPlatformDisplay(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL);
@@ -58,11 +62,15 @@ static df_status open_context(raster_state *state, df_error *err) {
         state->display = EGL_NO_DISPLAY;
         return df_fail(err, DF_ERROR_UNSUPPORTED, "%s (no display)", what);
     }
-    if (!eglBindAPI(EGL_OPENGL_API) || !eglChooseConfig(state->display, config_attributes, &config, 1, &count) || count < 1) {
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s (no configuration, EGL error 0x%x)", what, (unsigned)eglGetError());
+    if (!eglBindAPI(EGL_OPENGL_API) || !eglChooseConfig(state->display, config_attributes, &config, 1, &count) ||
+        count < 1) {
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s (no configuration, EGL error 0x%x)", what,
+                       (unsigned)eglGetError());
     }
     state->context = eglCreateContext(state->display, config, EGL_NO_CONTEXT, context_attributes);
-    if (state->context == EGL_NO_CONTEXT) return df_fail(err, DF_ERROR_UNSUPPORTED, "%s (no context of version 3.3, EGL error 0x%x)", what, (unsigned)eglGetError());
+    if (state->context == EGL_NO_CONTEXT)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s (no context of version 3.3, EGL error 0x%x)", what,
+                       (unsigned)eglGetError());
     return DF_OK;
 }
 
@@ -84,7 +92,8 @@ static df_status add_shader(GLuint program, GLenum type, const char *text, df_er
     if (!compiled) glGetShaderInfoLog(shader, sizeof log, NULL, log);
     glAttachShader(program, shader);
     glDeleteShader(shader);
-    return compiled ? DF_OK : df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL refuses a shader: %.300s", log);
+    return compiled ? DF_OK
+                    : df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL refuses a shader: %.300s", log);
 }
 
 static df_status upload(raster_state *state, df_error *err) {
@@ -103,16 +112,20 @@ static df_status upload(raster_state *state, df_error *err) {
     const float *attributes[2] = {model->positions, model->normals};
     for (GLuint i = 0; i < 2; i++) {
         glBindBuffer(GL_ARRAY_BUFFER, state->buffers[i]);
-        glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(model->vertex_count * 3 * sizeof(float)), attributes[i], GL_STATIC_DRAW);
+        glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(model->vertex_count * 3 * sizeof(float)), attributes[i],
+                     GL_STATIC_DRAW);
         glVertexAttribPointer(i, 3, GL_FLOAT, GL_FALSE, 0, NULL);
         glEnableVertexAttribArray(i);
     }
     glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, state->buffers[2]);
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)(model->triangle_count * 3 * sizeof(uint32_t)), model->triangles, GL_STATIC_DRAW);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)(model->triangle_count * 3 * sizeof(uint32_t)), model->triangles,
+                 GL_STATIC_DRAW);
     glGenFramebuffers(1, &state->frame_buffer);
     glGenRenderbuffers(1, &state->target);
     glGenRenderbuffers(1, &state->depth);
-    if (glGetError() != GL_NO_ERROR) return df_fail(err, DF_ERROR_MEMORY, "--tracer mc-raster: OpenGL has no room for %u triangles", model->triangle_count);
+    if (glGetError() != GL_NO_ERROR)
+        return df_fail(err, DF_ERROR_MEMORY, "--tracer mc-raster: OpenGL has no room for %u triangles",
+                       model->triangle_count);
     return DF_OK;
 }
 
@@ -136,7 +149,8 @@ static df_status raster_prepare(const df_scene *scene, const df_trace_options *o
     state->context = EGL_NO_CONTEXT;
     status = open_context(state, err);
     if (status == DF_OK) status = df_mc_model_make(scene, options->threads, &state->model, err);
-    if (status == DF_OK && !take(state)) status = df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: EGL offers no context without a surface");
+    if (status == DF_OK && !take(state))
+        status = df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: EGL offers no context without a surface");
     if (status == DF_OK) {
         status = upload(state, err);
         leave(state);
@@ -154,8 +168,8 @@ static uint64_t raster_bytes(const void *opaque) {
     return 2 * df_mc_model_bytes(&((const raster_state *)opaque)->model);
 }
 
-/* The inverse of the matrix with the given columns, as rows: a point eye + w * (direction through pixel (x,y)) has rows * (point - eye) =
- * (w, w x, w y). */
+/* The inverse of the matrix with the given columns, as rows: a point eye + w * (direction through pixel (x,y)) has rows
+ * * (point - eye) = (w, w x, w y). */
 static void projection_rows(const df_view *view, double rows[3][3]) {
     const double *m[3] = {view->corner, view->right, view->down};
     double determinant = 0;
@@ -167,7 +181,8 @@ static void projection_rows(const df_view *view, double rows[3][3]) {
     for (int i = 0; i < 9; i++) rows[i / 3][i % 3] /= determinant;
 }
 
-/* Clip space so that pixel centres are window coordinates plus a half and w is t; rows of the picture run upwards in the target. */
+/* Clip space so that pixel centres are window coordinates plus a half and w is t; rows of the picture run upwards in
+ * the target. */
 static void clip_matrix(const df_view *view, uint32_t first_row, uint32_t row_count, float column_major[16]) {
     double rows[3][3], far = 0, near = INFINITY, clip[4][4] = {{0}};
     projection_rows(view, rows);
@@ -206,7 +221,8 @@ static df_status resize(raster_state *state, uint32_t width, uint32_t height, df
     glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, (GLsizei)width, (GLsizei)height);
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, state->depth);
     if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL has no float target of %ux%u pixels", width, height);
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL has no float target of %ux%u pixels",
+                       width, height);
     }
     state->width = width;
     state->height = height;
@@ -224,22 +240,26 @@ static df_status draw(raster_state *state, const df_view *view, uint32_t first_r
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     glEnable(GL_DEPTH_TEST);
     glUseProgram(state->program);
-    glUniform3f(glGetUniformLocation(state->program, "eye"), (float)view->eye[0], (float)view->eye[1], (float)view->eye[2]);
+    glUniform3f(glGetUniformLocation(state->program, "eye"), (float)view->eye[0], (float)view->eye[1],
+                (float)view->eye[2]);
     glUniformMatrix4fv(glGetUniformLocation(state->program, "projection"), 1, GL_FALSE, matrix);
     glBindVertexArray(state->vertex_array);
     glDrawElements(GL_TRIANGLES, (GLsizei)(3 * state->model.triangle_count), GL_UNSIGNED_INT, NULL);
     glReadBuffer(GL_COLOR_ATTACHMENT0);
     glReadPixels(0, 0, (GLsizei)view->width, (GLsizei)row_count, GL_RGBA, GL_FLOAT, state->pixels);
     const GLenum error = glGetError();
-    if (error != GL_NO_ERROR) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL fails with error 0x%x", (unsigned)error);
+    if (error != GL_NO_ERROR)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: OpenGL fails with error 0x%x", (unsigned)error);
     return DF_OK;
 }
 
-static df_status raster_begin(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count, df_error *err) {
+static df_status raster_begin(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count,
+                              df_error *err) {
     raster_state *state = opaque;
     state->first_row = first_row;
     state->view_width = view->width;
-    if (!take(state)) return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: EGL offers no context without a surface");
+    if (!take(state))
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer mc-raster: EGL offers no context without a surface");
     df_status status = draw(state, view, first_row, row_count, err);
     leave(state);
     return status;
@@ -251,7 +271,8 @@ static bool raster_suits(const df_scene *scene, const df_view *view) {
     return view && !view->rebase;
 }
 
-static df_status raster_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters, df_error *err) {
+static df_status raster_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
+                              df_error *err) {
     (void)thread;
     (void)counters;
     (void)err;
@@ -259,8 +280,11 @@ static df_status raster_trace(void *opaque, uint32_t thread, const df_tile *tile
     hits->has_normals = true;
     for (uint32_t y = 0; y < tile->height; y++) {
         for (uint32_t x = 0; x < tile->width; x++) {
-            const float *pixel = state->pixels + 4 * ((uint64_t)(tile->y + y - state->first_row) * state->view_width + tile->x + x);
-            if (pixel[3] != 0) df_mc_model_hit(state->scene, &tile->rays, x + tile->width * y, fabsf(pixel[3]), pixel, pixel[3] < 0, hits);
+            const float *pixel =
+                state->pixels + 4 * ((uint64_t)(tile->y + y - state->first_row) * state->view_width + tile->x + x);
+            if (pixel[3] != 0)
+                df_mc_model_hit(state->scene, &tile->rays, x + tile->width * y, fabsf(pixel[3]), pixel, pixel[3] < 0,
+                                hits);
         }
     }
     return DF_OK;

@@ -1,9 +1,10 @@
 /*
  * The walk of a ray through an octree (ADF), leaf by leaf, from front to back. C only.
  *
- * It is the walk of dda.h with cells of different sizes: the ray's voxel is kept on the finest level, by the same rules, and the leaf around it is
- * found from the family where the paths of the old and the new voxel part. Leaves of different levels may interpolate different corners on the
- * face between them, so the ray carries its side: a leaf whose value at the entry lies on the other side is hit there.
+ * It is the walk of dda.h with cells of different sizes: the ray's voxel is kept on the finest level, by the same
+ * rules, and the leaf around it is found from the family where the paths of the old and the new voxel part. Leaves of
+ * different levels may interpolate different corners on the face between them, so the ray carries its side: a leaf
+ * whose value at the entry lies on the other side is hit there.
  */
 #ifndef DF_ADF_H
 #define DF_ADF_H
@@ -11,10 +12,10 @@
 #include "render/methods/dda.h"
 
 typedef struct adf_walk {
-    uint32_t voxel[3];                       /* on the finest level */
-    uint32_t path[DF_LEVEL_COUNT_MAX];       /* families from the root's down to the current leaf's */
-    uint32_t depth;                          /* of the current leaf's family: path[depth] */
-    uint32_t corner[3], size_log2, child;    /* the current leaf */
+    uint32_t voxel[3];                    /* on the finest level */
+    uint32_t path[DF_LEVEL_COUNT_MAX];    /* families from the root's down to the current leaf's */
+    uint32_t depth;                       /* of the current leaf's family: path[depth] */
+    uint32_t corner[3], size_log2, child; /* the current leaf */
     df_child_state state;
 } adf_walk;
 
@@ -23,7 +24,8 @@ static inline void adf_descend(const df_field *field, adf_walk *w) {
     for (;;) {
         const df_family *family = &field->families[w->path[w->depth]];
         w->size_log2 = field->level_count - 1 - w->depth;
-        w->child = (w->voxel[0] >> w->size_log2 & 1) | (w->voxel[1] >> w->size_log2 & 1) << 1 | (w->voxel[2] >> w->size_log2 & 1) << 2;
+        w->child = (w->voxel[0] >> w->size_log2 & 1) | (w->voxel[1] >> w->size_log2 & 1) << 1 |
+                   (w->voxel[2] >> w->size_log2 & 1) << 2;
         w->state = (df_child_state)(family->states >> 2 * w->child & 3);
         if (w->state != DF_CHILD_FAMILY) break;
         const uint32_t both = family->states & family->states >> 1 & 0x5555; /* one bit a child that is a family */
@@ -71,8 +73,8 @@ static inline void adf_candidate(const adf_walk *w, bool inside, df_candidate *c
     for (int a = 0; a < 3; a++) candidate->cell[a] = (uint16_t)w->corner[a];
 }
 
-/* What a leaf does to a ray: returns true for a hit; otherwise *side becomes the side on which the ray leaves it (0 outside, 1 inside; -1 while
- * nothing is known). */
+/* What a leaf does to a ray: returns true for a hit; otherwise *side becomes the side on which the ray leaves it (0
+ * outside, 1 inside; -1 while nothing is known). */
 static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray *ray, const adf_walk *w, int *side,
                              df_candidate *candidate, df_counters *counters) {
     bool mixed = w->state == DF_CHILD_SURFACE, inside = w->state == DF_CHILD_INSIDE;
@@ -91,7 +93,9 @@ static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray 
         float bern[4];
         int side_in;
         counters->fine_steps++;
-        if (!df_cell_segment_f32(ray->origin, ray->direction, ray->inverse, 0, lower, (float)(1u << w->size_log2), &segment)) return false;
+        if (!df_cell_segment_f32(ray->origin, ray->direction, ray->inverse, 0, lower, (float)(1u << w->size_log2),
+                                 &segment))
+            return false;
         counters->cells_tested++;
         df_bernstein_f32(corner, segment.a, segment.b, bern);
         inside = bern[0] < 0;

@@ -1,13 +1,15 @@
 /*
  * One ray in one cell: where it enters and leaves, the field along it, and whether the surface lies between.
  *
- * This text is compiled for float and for double, for one lane and for many, and as OpenCL C: include lane_f32.h or lane_f64.h,
- * then this header (it has no include guard; names end in _f32 or _f64). All is in grid space. `corner` holds the 8 values of the
- * cell's corners minus iso (common/field.h gives their order), so that inside is simply "< 0".
+ * This text is compiled for float and for double, for one lane and for many, and as OpenCL C: include lane_f32.h or
+ * lane_f64.h, then this header (it has no include guard; names end in _f32 or _f64). All is in grid space. `corner`
+ * holds the 8 values of the cell's corners minus iso (common/field.h gives their order), so that inside is simply "<
+ * 0".
  *
- * Watertight: the value on a face of a cell depends on the ray, the axis, the plane and the cell's indices along the other axes,
- * and on nothing else, so that both neighbours compute the same bits. A plane's parameter is (plane - origin) * inverse, never a
- * sum of steps. Direction components are never zero (df_ray_direction), so no parameter is NaN.
+ * Watertight: the value on a face of a cell depends on the ray, the axis, the plane and the cell's indices along the
+ * other axes, and on nothing else, so that both neighbours compute the same bits. A plane's parameter is (plane -
+ * origin) * inverse, never a sum of steps. Direction components are never zero (df_ray_direction), so no parameter is
+ * NaN.
  */
 #ifndef LR /* alone, as when a compiler checks this header, it is the text of float */
 #include "render/methods/lane_f32.h"
@@ -64,8 +66,10 @@ static inline lrm LR(df_cell_segment)(const lr origin[3], const lr direction[3],
     const lr scale = one / size; /* exact */
     for (int i = 0; i < 3; i++) {
         lrm upward = lr_lt(zero, direction[i]);
-        segment->a[i] = LR(df_local)(origin[i], direction[i], t_in, cell[i], scale, in[i], lr_select(upward, zero, one));
-        segment->b[i] = LR(df_local)(origin[i], direction[i], t_out, cell[i], scale, out[i], lr_select(upward, one, zero));
+        segment->a[i] =
+            LR(df_local)(origin[i], direction[i], t_in, cell[i], scale, in[i], lr_select(upward, zero, one));
+        segment->b[i] =
+            LR(df_local)(origin[i], direction[i], t_out, cell[i], scale, out[i], lr_select(upward, one, zero));
     }
     segment->t_in = t_in;
     segment->t_out = t_out;
@@ -84,9 +88,10 @@ static inline lr LR(df_interpolate)(const lr corner[8], const lr p[3]) {
  *
  *     bern[0] u^3 + bern[1] u^2 s + bern[2] u s^2 + bern[3] s^3
  *
- * so bern[1] and bern[2] are three times the Bernstein coefficients: thirds would be rounded, and a ray that touches the
- * surface exactly would cross it. All four are convex combinations of the corners (the blossom of the trilinear form), or three
- * times one, so nothing cancels; bern[0] and bern[3] are the values at entry and exit, bit for bit what df_interpolate gives.
+ * so bern[1] and bern[2] are three times the Bernstein coefficients: thirds would be rounded, and a ray that touches
+ * the surface exactly would cross it. All four are convex combinations of the corners (the blossom of the trilinear
+ * form), or three times one, so nothing cancels; bern[0] and bern[3] are the values at entry and exit, bit for bit what
+ * df_interpolate gives.
  */
 static inline void LR(df_bernstein)(const lr corner[8], const lr a[3], const lr b[3], lr bern[4]) {
     lr xa[4], xb[4], yaa[2], yab[2], yba[2], ybb[2]; /* interpolated along x at a or b, then along y at a or b */
@@ -153,9 +158,9 @@ static inline lrm LR(df_cubic_reaches)(const lr bern[4], lrm inside) {
 }
 
 /*
- * Whether the surface lies on the segment: the cell is accepted. *inside tells the side at the entry. Without `isolate` only
- * the ends are compared (for the midpoint and the linear solves, which see no more); with it, pairs of crossings between ends
- * on one side are found as well.
+ * Whether the surface lies on the segment: the cell is accepted. *inside tells the side at the entry. Without `isolate`
+ * only the ends are compared (for the midpoint and the linear solves, which see no more); with it, pairs of crossings
+ * between ends on one side are found as well.
  */
 static inline lrm LR(df_accept)(const lr corner[8], const lr a[3], const lr b[3], int isolate, lrm *inside) {
     lr bern[4];

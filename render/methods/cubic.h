@@ -1,14 +1,16 @@
 /*
- * The closed-form cubic (Schwarze's way: trigonometric for three real roots, Cardano for one), in double and only there:
- * in float its error reaches half a voxel where the cubic term is nearly zero. It polishes nothing, but it is kept inside the
- * bracket that isolation found, so that it can neither miss a hit nor leave the cell. Scalar C and OpenCL C.
+ * The closed-form cubic (Schwarze's way: trigonometric for three real roots, Cardano for one), in double and only
+ * there: in float its error reaches half a voxel where the cubic term is nearly zero. It polishes nothing, but it is
+ * kept inside the bracket that isolation found, so that it can neither miss a hit nor leave the cell. Scalar C and
+ * OpenCL C.
  */
 #ifndef DF_CUBIC_H
 #define DF_CUBIC_H
 
 #include "render/methods/lane.h"
 
-/* Real roots of c[3] s^3 + c[2] s^2 + c[1] s + c[0], the largest coefficient being about 1; returns how many, unsorted. */
+/* Real roots of c[3] s^3 + c[2] s^2 + c[1] s + c[0], the largest coefficient being about 1; returns how many, unsorted.
+ */
 static inline int df_cubic_roots(const double c[4], double roots[3]) {
     const double tiny = 1e-12;
     if (fabs(c[3]) < tiny) {
@@ -38,7 +40,8 @@ static inline int df_cubic_roots(const double c[4], double roots[3]) {
     return disc == 0 ? 2 : 1;
 }
 
-/* The first root of a cubic as df_bernstein gives it (scaled) inside [low, high]; the middle of the bracket when rounding leaves none. */
+/* The first root of a cubic as df_bernstein gives it (scaled) inside [low, high]; the middle of the bracket when
+ * rounding leaves none. */
 static inline double df_cubic_first_root(const double bern[4], double low, double high) {
     const double c[4] = {bern[0], bern[1] - 3 * bern[0], 3 * bern[0] - 2 * bern[1] + bern[2],
                          (bern[3] - bern[0]) - (bern[2] - bern[1])};

@@ -1,10 +1,10 @@
 /*
- * The walk of the 3DDDA, ray by ray: C only, and OpenCL C. The text expects df_scene, df_candidate and df_counters (tracer.h; on a device
- * opencl/scene.cl).
+ * The walk of the 3DDDA, ray by ray: C only, and OpenCL C. The text expects df_scene, df_candidate and df_counters
+ * (tracer.h; on a device opencl/scene.cl).
  *
- * A walk is a sequence of events (t, axis): the ray crosses a grid plane of that axis. Of events at the same t the lower axis comes
- * first. The cell after an event is therefore a pure function of the ray and the event, and a walk through bricks visits the very
- * voxels that a walk through the uniform grid visits there.
+ * A walk is a sequence of events (t, axis): the ray crosses a grid plane of that axis. Of events at the same t the
+ * lower axis comes first. The cell after an event is therefore a pure function of the ray and the event, and a walk
+ * through bricks visits the very voxels that a walk through the uniform grid visits there.
  */
 #ifndef DF_DDA_H
 #define DF_DDA_H
@@ -26,7 +26,8 @@ typedef struct dda_event {
     int axis; /* of the crossed plane; 3: the ray starts here */
 } dda_event;
 
-/* A walk over cells of `size` voxels, low <= cell < high, which lie at index base + stride * (cell - low) of some array. */
+/* A walk over cells of `size` voxels, low <= cell < high, which lie at index base + stride * (cell - low) of some
+ * array. */
 typedef struct dda_box {
     int32_t low[3], high[3];
     int64_t base, stride[3];
@@ -49,15 +50,17 @@ static inline bool dda_precedes(float t, int axis, dda_event other) {
     return t < other.t || (t == other.t && axis < other.axis);
 }
 
-/* The index along an axis, not the one that the event crosses, of the cell in which the ray goes on after it: between the last
- * plane before the event and the first one after it. */
+/* The index along an axis, not the one that the event crosses, of the cell in which the ray goes on after it: between
+ * the last plane before the event and the first one after it. */
 static inline int32_t dda_cell_after(const dda_box *box, const dda_ray *ray, int axis, int32_t upward, dda_event at) {
     float position = (ray->origin[axis] + at.t * ray->direction[axis]) * box->inverse_size;
     float low = (float)box->low[axis], high = (float)(box->high[axis] - 1);
     int32_t cell = (int32_t)(position < low ? low : position > high ? high : position), step = upward ? 1 : -1;
     int32_t first = upward ? box->low[axis] : box->high[axis] - 1, last = upward ? box->high[axis] - 1 : box->low[axis];
-    while (cell != last && dda_precedes(dda_plane_t(ray, axis, (float)(cell + upward) * box->size), axis, at)) cell += step;
-    while (cell != first && !dda_precedes(dda_plane_t(ray, axis, (float)(cell + !upward) * box->size), axis, at)) cell -= step;
+    while (cell != last && dda_precedes(dda_plane_t(ray, axis, (float)(cell + upward) * box->size), axis, at))
+        cell += step;
+    while (cell != first && !dda_precedes(dda_plane_t(ray, axis, (float)(cell + !upward) * box->size), axis, at))
+        cell -= step;
     return cell;
 }
 
@@ -111,8 +114,8 @@ static inline bool dda_enter_box(const dda_ray *ray, const uint32_t box[3], dda_
 }
 
 /* Solves nothing yet: is the surface between the ray's entry into this voxel and its exit? */
-static inline bool dda_accept(const df_scene *scene, bool isolate, const dda_ray *ray, const float lower[3], uint32_t block,
-                              df_candidate *candidate, df_counters *counters) {
+static inline bool dda_accept(const df_scene *scene, bool isolate, const dda_ray *ray, const float lower[3],
+                              uint32_t block, df_candidate *candidate, df_counters *counters) {
     uint32_t voxel[3];
     float corner[8];
     df_segment_f32 segment;
@@ -129,8 +132,8 @@ static inline bool dda_accept(const df_scene *scene, bool isolate, const dda_ray
 }
 
 /* Walks the voxels of one block of k*k*k. */
-static inline bool dda_block(const df_scene *scene, bool isolate, const dda_ray *ray, const float lower[3], uint32_t block,
-                             dda_event at, df_candidate *candidate, df_counters *counters) {
+static inline bool dda_block(const df_scene *scene, bool isolate, const dda_ray *ray, const float lower[3],
+                             uint32_t block, dda_event at, df_candidate *candidate, df_counters *counters) {
     const int32_t k = (int32_t)scene->k;
     const DF_GLOBAL uint64_t *mask = scene->masks + (uint64_t)block * df_brick_mask_words(scene->k);
     dda_box box = {.size = 1, .inverse_size = 1, .stride = {1, k, k * k}};
@@ -154,7 +157,8 @@ static inline bool dda_block(const df_scene *scene, bool isolate, const dda_ray 
 static inline bool dda_two_level(const df_scene *scene, bool isolate, const dda_ray *ray, df_candidate *candidate,
                                  df_counters *counters) {
     const uint32_t *count = scene->coarse_count;
-    dda_box box = {.size = (float)scene->k, .inverse_size = 1.0f / (float)scene->k,
+    dda_box box = {.size = (float)scene->k,
+                   .inverse_size = 1.0f / (float)scene->k,
                    .stride = {1, count[0], (int64_t)count[0] * count[1]}};
     uint32_t extent[3];
     dda_event at;
@@ -180,7 +184,7 @@ static inline bool dda_two_level(const df_scene *scene, bool isolate, const dda_
 }
 
 static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ray *ray, df_candidate *candidate,
-                                 df_counters *counters) {
+                               df_counters *counters) {
     const uint32_t *count = scene->voxel_count;
     const int64_t row = 64 * (int64_t)scene->row_words; /* bits */
     dda_box box = {.size = 1, .inverse_size = 1, .stride = {1, row, row * count[1]}};
@@ -200,7 +204,8 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
     return false;
 }
 
-/* Finds the cell in which a ray hits, by the levels of the scene; false where it misses. isolate: as df_accept has it. */
+/* Finds the cell in which a ray hits, by the levels of the scene; false where it misses. isolate: as df_accept has it.
+ */
 static inline bool dda_walk_scene(const df_scene *scene, bool isolate, const dda_ray *ray, df_candidate *candidate,
                                   df_counters *counters) {
     return scene->levels == 1 ? dda_uniform(scene, isolate, ray, candidate, counters)

@@ -1,10 +1,10 @@
 /*
  * Gradients of the field at a hit. Float lanes, also OpenCL C: include lane.h first.
  *
- * A stencil holds the 4x4x4 samples around a cell: sample (i,j,k), each in -1..2 relative to the cell's lower corner, stands at
- * (i+1) + 4 ((j+1) + 4 (k+1)). Its 8 edges and corners that lie outside the cell along more than one axis are never read. Where
- * the field stores no sample, the stencil holds the linear extrapolation from the two samples before it, so that a
- * difference there becomes one-sided.
+ * A stencil holds the 4x4x4 samples around a cell: sample (i,j,k), each in -1..2 relative to the cell's lower corner,
+ * stands at (i+1) + 4 ((j+1) + 4 (k+1)). Its 8 edges and corners that lie outside the cell along more than one axis are
+ * never read. Where the field stores no sample, the stencil holds the linear extrapolation from the two samples before
+ * it, so that a difference there becomes one-sided.
  *
  * All gradients are per voxel; the caller divides by the voxel size of each axis.
  */
@@ -13,19 +13,17 @@
 
 #include "render/methods/lane.h"
 
-#define DF_GRADIENT_ANALYTIC 0        /* of the trilinear field: exact, but jumps from cell to cell */
-#define DF_GRADIENT_CENTRAL 1         /* differences of interpolated values one voxel before and after the hit */
-#define DF_GRADIENT_FORWARD 2         /* the hit and one voxel after it */
-#define DF_GRADIENT_BACKWARD 3        /* one voxel before the hit and the hit */
-#define DF_GRADIENT_CORNER_CENTRAL 4  /* central differences at the corners, interpolated */
-#define DF_GRADIENT_CORNER_FORWARD 5  /* forward differences at the corners, interpolated */
+#define DF_GRADIENT_ANALYTIC 0       /* of the trilinear field: exact, but jumps from cell to cell */
+#define DF_GRADIENT_CENTRAL 1        /* differences of interpolated values one voxel before and after the hit */
+#define DF_GRADIENT_FORWARD 2        /* the hit and one voxel after it */
+#define DF_GRADIENT_BACKWARD 3       /* one voxel before the hit and the hit */
+#define DF_GRADIENT_CORNER_CENTRAL 4 /* central differences at the corners, interpolated */
+#define DF_GRADIENT_CORNER_FORWARD 5 /* forward differences at the corners, interpolated */
 #define DF_GRADIENT_COUNT 6
 
 #define DF_STENCIL(i, j, k) (((i) + 1) + 4 * (((j) + 1) + 4 * ((k) + 1)))
 
-static inline lf df_mix(lf a, lf b, lf t) {
-    return (lf_set(1) - t) * a + t * b;
-}
+static inline lf df_mix(lf a, lf b, lf t) { return (lf_set(1) - t) * a + t * b; }
 
 /* Interpolation of the 8 samples of the stencil whose lower corner is at offset (i,j,k). */
 static inline lf df_stencil_interpolate(const lf *stencil, int i, int j, int k, const lf p[3]) {

@@ -1,5 +1,6 @@
 /*
- * The hit of one ray in the cell that a walk has accepted, in double: the last step of every tracer. Scalar C and OpenCL C.
+ * The hit of one ray in the cell that a walk has accepted, in double: the last step of every tracer. Scalar C and
+ * OpenCL C.
  */
 #ifndef DF_HIT_H
 #define DF_HIT_H
@@ -10,8 +11,8 @@
 #include "render/methods/cubic.h"
 #include "render/methods/solve.h"
 
-/* Illinois steps end where the position moves less than this, in parts of the segment: the step that shows it has converged to far
- * less, as its order is 1.44. The same as in kernel_solve.c. */
+/* Illinois steps end where the position moves less than this, in parts of the segment: the step that shows it has
+ * converged to far less, as its order is 1.44. The same as in kernel_solve.c. */
 #define DF_SOLVE_TOLERANCE 1e-8
 
 /* The closed form is no text of lanes: isolation as always, then the root inside the bracket. */
@@ -23,8 +24,8 @@ static inline double df_solve_analytic(const double bernstein[4], int inside) {
     return df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, 0);
 }
 
-/* Solves the voxel for a ray. stored: the corners minus iso, as the walk saw them; inside: the side at the entry; steps: as df_solve_steps
- * gives them. Sets the hit's position in the cell and returns its t. */
+/* Solves the voxel for a ray. stored: the corners minus iso, as the walk saw them; inside: the side at the entry;
+ * steps: as df_solve_steps gives them. Sets the hit's position in the cell and returns its t. */
 static inline double df_hit_solve(int solve, int steps, const float ray_origin[3], const float ray_direction[3],
                                   const uint32_t voxel[3], const float stored[8], int inside, float within[3]) {
     double origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];

@@ -1,16 +1,16 @@
 /*
  * Lanes: DF_LANES numbers that go through the same arithmetic, and nothing else about the machine.
  *
- * With DF_LANES = 1 a lane type is the plain scalar; this is the specification, and it compiles as C and (with DF_OPENCL
- * defined) as OpenCL C. Every operation here and the operators + - * / are IEEE operations that give the same bits in every
- * width. min and max are "a < b ? a : b" and "a > b ? a : b", as in the SSE instructions.
+ * With DF_LANES = 1 a lane type is the plain scalar; this is the specification, and it compiles as C and (with
+ * DF_OPENCL defined) as OpenCL C. Every operation here and the operators + - * / are IEEE operations that give the same
+ * bits in every width. min and max are "a < b ? a : b" and "a > b ? a : b", as in the SSE instructions.
  *
  *   lf, lm    DF_LANES floats and the masks of their comparisons
  *   li        DF_LANES 32-bit integers
  *   ld, ldm   DF_DOUBLE_LANES doubles and the masks of their comparisons: half as many in SIMD
  *
- * lf_compress and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has lane 0 in
- * bit 0.
+ * lf_compress and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has
+ * lane 0 in bit 0.
  *
  * The wide types exist for SSE4.1 (4), AVX2 (8) and AVX-512 (16); the compiler's flags must allow them. In C only.
  */
@@ -84,8 +84,12 @@ static inline li li_from_lf(lf a) { return (li)a; }
 static inline lf lf_from_li(li a) { return (lf)a; }
 static inline li li_load_u16(const uint16_t *p) { return *p; }
 static inline lf lf_gather(const float *base, li index) { return base[index]; }
-static inline void lf_compress(float *p, lm m, lf a) { if (m) *p = a; }
-static inline void li_compress(int32_t *p, lm m, li a) { if (m) *p = a; }
+static inline void lf_compress(float *p, lm m, lf a) {
+    if (m) *p = a;
+}
+static inline void li_compress(int32_t *p, lm m, li a) {
+    if (m) *p = a;
+}
 static inline li li_gather(const int32_t *base, li index) { return base[index]; }
 /* 8 floats of each lane from base + 8 index, transposed: out[c] holds number c of every lane. */
 static inline void lf_gather_8(const float *base, li index, lf out[8]) {
@@ -158,21 +162,28 @@ static inline li li_gather(const int32_t *base, li index) {
 static inline void lf_gather_8(const float *base, li index, lf out[8]) {
     for (int c = 0; c < 8; c++) out[c] = lf_gather(base + c, li_mul(index, li_set(8)));
 }
-static inline li li_select(lm m, li a, li b) { return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m)); }
+static inline li li_select(lm m, li a, li b) {
+    return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m));
+}
 static inline lm li_lt(li a, li b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
 static inline lm li_bit(li word, li bit) {
     uint32_t w[4];
     int32_t b[4];
     li_store((int32_t *)w, word);
     li_store(b, bit);
-    const li set = _mm_setr_epi32((int)(w[0] >> b[0] & 1), (int)(w[1] >> b[1] & 1), (int)(w[2] >> b[2] & 1), (int)(w[3] >> b[3] & 1));
+    const li set = _mm_setr_epi32((int)(w[0] >> b[0] & 1), (int)(w[1] >> b[1] & 1), (int)(w[2] >> b[2] & 1),
+                                  (int)(w[3] >> b[3] & 1));
     return _mm_castsi128_ps(_mm_cmpgt_epi32(set, _mm_setzero_si128()));
 }
-static inline lm lm_first(uint32_t n) { return _mm_castsi128_ps(_mm_cmplt_epi32(_mm_setr_epi32(0, 1, 2, 3), _mm_set1_epi32((int)n))); }
+static inline lm lm_first(uint32_t n) {
+    return _mm_castsi128_ps(_mm_cmplt_epi32(_mm_setr_epi32(0, 1, 2, 3), _mm_set1_epi32((int)n)));
+}
 
 static inline ld ld_set(double a) { return _mm_set1_pd(a); }
 static inline ld ld_load(const double *p) { return _mm_loadu_pd(p); }
-static inline ld ld_load_f32(const float *p) { return _mm_cvtps_pd(_mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)p))); }
+static inline ld ld_load_f32(const float *p) {
+    return _mm_cvtps_pd(_mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)p)));
+}
 static inline void ld_store(double *p, ld a) { _mm_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm_storel_epi64((__m128i *)p, _mm_castps_si128(_mm_cvtpd_ps(a))); }
 static inline ld ld_min(ld a, ld b) { return _mm_min_pd(a, b); }
@@ -187,7 +198,6 @@ static inline ldm ldm_or(ldm a, ldm b) { return _mm_or_pd(a, b); }
 static inline ldm ldm_xor(ldm a, ldm b) { return _mm_xor_pd(a, b); }
 static inline ldm ldm_not(ldm a) { return _mm_xor_pd(a, _mm_castsi128_pd(_mm_set1_epi32(-1))); }
 static inline int ldm_any(ldm a) { return _mm_movemask_pd(a) != 0; }
-
 
 #elif DF_LANES == 8
 #include <immintrin.h>
@@ -255,14 +265,17 @@ static inline void lf_gather_8(const float *base, li index, lf out[8]) {
         out[4 + c] = _mm256_permute2f128_ps(four[c], four[4 + c], 0x31);
     }
 }
-static inline li li_select(lm m, li a, li b) { return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m)); }
+static inline li li_select(lm m, li a, li b) {
+    return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m));
+}
 static inline lm li_lt(li a, li b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
 static inline lm li_bit(li word, li bit) {
     const li set = _mm256_and_si256(_mm256_srlv_epi32(word, bit), _mm256_set1_epi32(1));
     return _mm256_castsi256_ps(_mm256_cmpgt_epi32(set, _mm256_setzero_si256()));
 }
 static inline lm lm_first(uint32_t n) {
-    return _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32((int)n), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)));
+    return _mm256_castsi256_ps(
+        _mm256_cmpgt_epi32(_mm256_set1_epi32((int)n), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)));
 }
 
 static inline ld ld_set(double a) { return _mm256_set1_pd(a); }
@@ -318,7 +331,9 @@ static inline li li_and(li a, li b) { return _mm512_and_si512(a, b); }
 static inline li li_shift_right(li a, unsigned bits) { return _mm512_srli_epi32(a, bits); }
 static inline li li_from_lf(lf a) { return _mm512_cvttps_epi32(a); }
 static inline lf lf_from_li(li a) { return _mm512_cvtepi32_ps(a); }
-static inline li li_load_u16(const uint16_t *p) { return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p)); }
+static inline li li_load_u16(const uint16_t *p) {
+    return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p));
+}
 static inline lf lf_gather(const float *base, li index) { return _mm512_i32gather_ps(index, base, 4); }
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
@@ -328,7 +343,8 @@ static inline void lf_gather_8(const float *base, li index, lf out[8]) {
     lf row[8], pair[8], four[8];
     li_store(at, index);
     for (int i = 0; i < 8; i++) { /* lane i below, lane i + 8 above */
-        const __m256 low = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]), high = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i + 8]);
+        const __m256 low = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]),
+                     high = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i + 8]);
         row[i] = _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
     }
     for (int i = 0; i < 4; i++) {
@@ -350,7 +366,9 @@ static inline void lf_gather_8(const float *base, li index, lf out[8]) {
 }
 static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
 static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
-static inline lm li_bit(li word, li bit) { return _mm512_test_epi32_mask(word, _mm512_sllv_epi32(_mm512_set1_epi32(1), bit)); }
+static inline lm li_bit(li word, li bit) {
+    return _mm512_test_epi32_mask(word, _mm512_sllv_epi32(_mm512_set1_epi32(1), bit));
+}
 static inline lm lm_first(uint32_t n) { return (lm)(n >= 16 ? 0xFFFFu : (1u << n) - 1u); }
 
 static inline ld ld_set(double a) { return _mm512_set1_pd(a); }

@@ -1,4 +1,5 @@
-/* Makes lr, the real number of cell.h and solve.h, mean float lanes. No include guard: texts are compiled once per type. */
+/* Makes lr, the real number of cell.h and solve.h, mean float lanes. No include guard: texts are compiled once per
+ * type. */
 #include "render/methods/lane.h"
 #undef LR
 #undef lr

@@ -1,25 +1,28 @@
 /*
- * One ray of a view, in grid space. C and OpenCL C; view.h says what the rays are, and makes many at once with the same arithmetic.
+ * One ray of a view, in grid space. C and OpenCL C; view.h says what the rays are, and makes many at once with the same
+ * arithmetic.
  */
 #ifndef DF_RAY_H
 #define DF_RAY_H
 
 #include "render/methods/dialect.h"
 
-/* A camera in the grid of a field, for an image of width x height pixels. Only doubles and 32-bit numbers: a device gets it as it is. */
+/* A camera in the grid of a field, for an image of width x height pixels. Only doubles and 32-bit numbers: a device
+ * gets it as it is. */
 typedef struct df_view {
-    double eye[3];                        /* grid space */
-    double corner[3], right[3], down[3];  /* pixel (x,y), from the top left: direction corner + x right + y down */
-    double box[3];                        /* the field reaches from 0 to box */
-    float relative_size[3];               /* voxel size by axis over the largest of them */
+    double eye[3];                       /* grid space */
+    double corner[3], right[3], down[3]; /* pixel (x,y), from the top left: direction corner + x right + y down */
+    double box[3];                       /* the field reaches from 0 to box */
+    float relative_size[3];              /* voxel size by axis over the largest of them */
     uint32_t width, height;
     uint32_t rebase; /* 1: every ray gets an origin of its own before the field's box, and a t_base */
-    double world_unit; /* the largest voxel size: distance in the world = t * |direction * relative_size| * world_unit */
+    double
+        world_unit; /* the largest voxel size: distance in the world = t * |direction * relative_size| * world_unit */
 } df_view;
 
-/* Zero directions along an axis (and negative zeros, and what would overflow when inverted) are moved by this much, which moves no
- * point of the field: o + 1e-30 t rounds to o, or lies 1e-25 from a plane that goes through the origin. So no parameter is
- * ever NaN or 0 * infinity, and a ray in a grid plane belongs to the cells above it. */
+/* Zero directions along an axis (and negative zeros, and what would overflow when inverted) are moved by this much,
+ * which moves no point of the field: o + 1e-30 t rounds to o, or lies 1e-25 from a plane that goes through the origin.
+ * So no parameter is ever NaN or 0 * infinity, and a ray in a grid plane belongs to the cells above it. */
 #define DF_DIRECTION_MIN 1e-30f
 
 static inline float df_ray_direction(double d) {
@@ -29,9 +32,10 @@ static inline float df_ray_direction(double d) {
 }
 
 /* Moves the origin of a ray from afar to two voxels before the box, or to its closest approach where it misses. */
-static inline void df_ray_rebase(const double box[3], const double origin[3], const double direction[3], double moved[3],
-                                 double *t_base) {
-    double t_in = 0, length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+static inline void df_ray_rebase(const double box[3], const double origin[3], const double direction[3],
+                                 double moved[3], double *t_base) {
+    double t_in = 0,
+           length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
     for (int a = 0; a < 3; a++) {
         if (direction[a] == 0) continue;
         double plane = direction[a] > 0 ? 0 : box[a];
@@ -42,7 +46,8 @@ static inline void df_ray_rebase(const double box[3], const double origin[3], co
 }
 
 /* The ray of a pixel: what df_view_rays gives, bit for bit. */
-static inline void df_view_ray(const df_view *view, uint32_t x, uint32_t y, float origin[3], float direction[3], double *t_base) {
+static inline void df_view_ray(const df_view *view, uint32_t x, uint32_t y, float origin[3], float direction[3],
+                               double *t_base) {
     double exact[3], moved[3];
     for (int a = 0; a < 3; a++) exact[a] = (view->corner[a] + y * view->down[a]) + x * view->right[a];
     for (int a = 0; a < 3; a++) moved[a] = view->eye[a];

@@ -7,15 +7,19 @@
 #include "render/methods/lane.h"
 
 /* The object and the background in linear light: a warm grey clay before a light, slightly cool sky. */
-#define DF_SHADE_ALBEDO {0.72f, 0.66f, 0.58f}
-#define DF_SHADE_BACKGROUND {0.80f, 0.84f, 0.90f}
+#define DF_SHADE_ALBEDO \
+    { 0.72f, 0.66f, 0.58f }
+#define DF_SHADE_BACKGROUND \
+    { 0.80f, 0.84f, 0.90f }
 #define DF_SHADE_AMBIENT 0.06f
 
 /* Levels of the table that turns linear light into sRGB bytes (df_shade_table in frame.h). */
 #define DF_SHADE_LEVELS 4096
 
-/* The unit normal in world space from a gradient per voxel; `toward_eye` where the field is flat. inverse_size: 1 / voxel size. */
-static inline void df_shade_normal(const lf gradient[3], const lf inverse_size[3], const lf toward_eye[3], lf normal[3]) {
+/* The unit normal in world space from a gradient per voxel; `toward_eye` where the field is flat. inverse_size: 1 /
+ * voxel size. */
+static inline void df_shade_normal(const lf gradient[3], const lf inverse_size[3], const lf toward_eye[3],
+                                   lf normal[3]) {
     lf g[3];
     for (int a = 0; a < 3; a++) g[a] = gradient[a] * inverse_size[a];
     lf largest = lf_max(lf_abs(g[0]), lf_max(lf_abs(g[1]), lf_abs(g[2])));
@@ -44,9 +48,7 @@ static inline lf df_shade_light(const lf normal[3], const lf toward_eye[3]) {
 
 #ifndef DF_OPENCL
 /* The level of linear light in df_shade_table. */
-static inline uint32_t df_shade_level(float linear) {
-    return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f);
-}
+static inline uint32_t df_shade_level(float linear) { return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f); }
 #endif
 
 #endif

@@ -1,9 +1,10 @@
 /*
- * The cell solves: where on an accepted segment the surface lies. Compiled like cell.h, which must have been included for the
- * same real number before.
+ * The cell solves: where on an accepted segment the surface lies. Compiled like cell.h, which must have been included
+ * for the same real number before.
  *
- * Every solve gets the side at the entry as the walk saw it. Where the solve's own arithmetic disagrees with the walk (the
- * surface passes within rounding of a face or a tangent), it answers with the nearest point of the segment: entry, exit or the extremum.
+ * Every solve gets the side at the entry as the walk saw it. Where the solve's own arithmetic disagrees with the walk
+ * (the surface passes within rounding of a face or a tangent), it answers with the nearest point of the segment: entry,
+ * exit or the extremum.
  */
 #ifndef LR
 #include "render/methods/cell.h"
@@ -16,8 +17,8 @@ typedef struct LR(df_bracket) {
     lrm found;
 } LR(df_bracket);
 
-/* True where the coefficients change sign once, from the side at the entry to the other: the segment then has one crossing
- * (variation diminution), and is itself a bracket. */
+/* True where the coefficients change sign once, from the side at the entry to the other: the segment then has one
+ * crossing (variation diminution), and is itself a bracket. */
 static inline lrm LR(df_crosses_once)(const lr bern[4], lrm inside) {
     const lr zero = lr_set(0);
     lrm other[4];

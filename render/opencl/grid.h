@@ -15,8 +15,8 @@ typedef struct df_grid {
 } df_grid;
 typedef char df_grid_has_the_same_size_everywhere[sizeof(df_grid) == 36 ? 1 : -1];
 
-/* What the trace kernels leave for each ray: found 0 where nothing is hit, else DF_FOUND with DF_HIT_BACK's bit shifted by 1; and the candidate in
- * 4 words, written only where something is found: cell x + 65536 y, cell z, block, 0. */
+/* What the trace kernels leave for each ray: found 0 where nothing is hit, else DF_FOUND with DF_HIT_BACK's bit shifted
+ * by 1; and the candidate in 4 words, written only where something is found: cell x + 65536 y, cell z, block, 0. */
 #define DF_FOUND 1u
 #define DF_FOUND_BACK 2u
 

@@ -25,7 +25,8 @@ static void describe(const df_opencl_api *cl, cl_platform_id platform, cl_device
     text_of(cl, id, CL_DEVICE_NAME, info->name, sizeof info->name);
     text_of(cl, id, CL_DEVICE_OPENCL_C_VERSION, info->version, sizeof info->version);
     text_of(cl, id, CL_DRIVER_VERSION, info->driver, sizeof info->driver);
-    if (cl->GetPlatformInfo(platform, CL_PLATFORM_NAME, sizeof info->platform_name, info->platform_name, NULL) != CL_SUCCESS) {
+    if (cl->GetPlatformInfo(platform, CL_PLATFORM_NAME, sizeof info->platform_name, info->platform_name, NULL) !=
+        CL_SUCCESS) {
         snprintf(info->platform_name, sizeof info->platform_name, "?");
     }
     info->compute_units = (uint32_t)number_of(cl, id, CL_DEVICE_MAX_COMPUTE_UNITS);
@@ -76,7 +77,8 @@ df_status df_opencl_find(df_opencl_info **list, uint32_t *count, df_error *err) 
     }
     if (*count == 0 && failure != CL_SUCCESS) {
         return df_fail(err, DF_ERROR_UNSUPPORTED,
-                       "OpenCL has a platform but no device: clGetDeviceIDs failed with %s (%d). Drivers that keep kernels in a cache "
+                       "OpenCL has a platform but no device: clGetDeviceIDs failed with %s (%d). Drivers that keep "
+                       "kernels in a cache "
                        "may need a home folder that they can write",
                        df_opencl_error_name(failure), failure);
     }
@@ -99,19 +101,23 @@ static const char *missing(const df_opencl_info *info) {
 void df_opencl_print(FILE *stream, uint32_t number, const df_opencl_info *info) {
     const double gib = 1024.0 * 1024 * 1024;
     const char *lack = missing(info);
-    fprintf(stream, "opencl:%u  %s (%s, %u compute units, %.1f GiB, at most %.1f GiB at once, %s, %s, %s; %s, driver %s)", number,
-            info->name, type_name(info->type), info->compute_units, (double)info->memory_size / gib, (double)info->allocation_max / gib,
-            info->images ? "images" : "no images", info->correctly_rounded ? "correctly rounded" : "not correctly rounded",
-            info->version, info->platform_name, info->driver);
+    fprintf(stream,
+            "opencl:%u  %s (%s, %u compute units, %.1f GiB, at most %.1f GiB at once, %s, %s, %s; %s, driver %s)",
+            number, info->name, type_name(info->type), info->compute_units, (double)info->memory_size / gib,
+            (double)info->allocation_max / gib, info->images ? "images" : "no images",
+            info->correctly_rounded ? "correctly rounded" : "not correctly rounded", info->version, info->platform_name,
+            info->driver);
     if (lack) fprintf(stream, ": cannot be used, %s", lack);
 }
 
-df_status df_opencl_choose(const df_opencl_info *list, uint32_t count, uint32_t wanted, bool gpu_only, uint32_t *number, df_error *err) {
+df_status df_opencl_choose(const df_opencl_info *list, uint32_t count, uint32_t wanted, bool gpu_only, uint32_t *number,
+                           df_error *err) {
     static const cl_device_type order[] = {CL_DEVICE_TYPE_GPU, CL_DEVICE_TYPE_ACCELERATOR, CL_DEVICE_TYPE_CPU};
     if (count == 0) return df_fail(err, DF_ERROR_UNSUPPORTED, "OpenCL has no device on this machine");
     if (wanted != DF_OPENCL_ANY) {
         if (wanted >= count) {
-            return df_fail(err, DF_ERROR_UNSUPPORTED, "--device opencl:%u: there are %u devices, numbered from 0 (--list-devices)", wanted, count);
+            return df_fail(err, DF_ERROR_UNSUPPORTED,
+                           "--device opencl:%u: there are %u devices, numbered from 0 (--list-devices)", wanted, count);
         }
         const char *lack = missing(&list[wanted]);
         if (lack) return df_fail(err, DF_ERROR_UNSUPPORTED, "%s cannot be used: %s", list[wanted].name, lack);
@@ -127,7 +133,8 @@ df_status df_opencl_choose(const df_opencl_info *list, uint32_t count, uint32_t 
     }
     if (gpu_only) return df_fail(err, DF_ERROR_UNSUPPORTED, "OpenCL has no GPU on this machine");
     const char *lack = missing(&list[0]);
-    return df_fail(err, DF_ERROR_UNSUPPORTED, "no OpenCL device can be used: %s: %s", list[0].name, lack ? lack : "it is of no known kind");
+    return df_fail(err, DF_ERROR_UNSUPPORTED, "no OpenCL device can be used: %s: %s", list[0].name,
+                   lack ? lack : "it is of no known kind");
 }
 
 /* ---- opening and building ---- */
@@ -161,7 +168,8 @@ static df_status report_build(df_opencl *device, cl_int code, FILE *log, df_erro
     char *text = NULL;
     cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, 0, NULL, &size);
     if (size > 0) text = calloc(size + 1, 1);
-    if (!text || cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, size, text, NULL) != CL_SUCCESS) {
+    if (!text || cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, size, text, NULL) !=
+                     CL_SUCCESS) {
         free(text);
         return df_opencl_check(code, "clBuildProgram", device->info.name, err);
     }
@@ -201,25 +209,28 @@ df_status df_opencl_kernel(df_opencl *device, const char *name, cl_kernel *kerne
 
 /* ---- memory ---- */
 
-static df_status create_buffer(df_opencl *device, cl_mem_flags flags, uint64_t size, void *data, const char *what, cl_mem *buffer, df_error *err) {
+static df_status create_buffer(df_opencl *device, cl_mem_flags flags, uint64_t size, void *data, const char *what,
+                               cl_mem *buffer, df_error *err) {
     cl_int code;
     *buffer = NULL;
     if (size > device->info.allocation_max) {
-        return df_fail(err, DF_ERROR_MEMORY, "%s: %s of %llu bytes: a buffer may have %llu at most on this device", device->info.name, what,
-                       (unsigned long long)size, (unsigned long long)device->info.allocation_max);
+        return df_fail(err, DF_ERROR_MEMORY, "%s: %s of %llu bytes: a buffer may have %llu at most on this device",
+                       device->info.name, what, (unsigned long long)size,
+                       (unsigned long long)device->info.allocation_max);
     }
     *buffer = device->cl->CreateBuffer(device->context, flags, size ? size : 1, data, &code);
     if (*buffer) return DF_OK;
-    return df_fail(err, DF_ERROR_MEMORY, "%s: %s of %llu bytes: clCreateBuffer failed with %s (%d)", device->info.name, what,
-                   (unsigned long long)size, df_opencl_error_name(code), code);
+    return df_fail(err, DF_ERROR_MEMORY, "%s: %s of %llu bytes: clCreateBuffer failed with %s (%d)", device->info.name,
+                   what, (unsigned long long)size, df_opencl_error_name(code), code);
 }
 
-df_status df_opencl_buffer(df_opencl *device, cl_mem_flags flags, uint64_t size, const char *what, cl_mem *buffer, df_error *err) {
+df_status df_opencl_buffer(df_opencl *device, cl_mem_flags flags, uint64_t size, const char *what, cl_mem *buffer,
+                           df_error *err) {
     return create_buffer(device, flags, size, NULL, what, buffer, err);
 }
 
-df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, const char *what, cl_mem *buffer, double *ms,
-                           df_error *err) {
+df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, const char *what, cl_mem *buffer,
+                           double *ms, df_error *err) {
     cl_event event;
     double part;
     *buffer = NULL;
@@ -239,7 +250,8 @@ df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, c
 df_status df_opencl_event_ms(df_opencl *device, cl_event event, double *ms, df_error *err) {
     cl_ulong start = 0, end = 0;
     cl_int code = device->cl->GetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start, NULL);
-    if (code == CL_SUCCESS) code = device->cl->GetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL);
+    if (code == CL_SUCCESS)
+        code = device->cl->GetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL);
     device->cl->ReleaseEvent(event);
     *ms = (double)(end - start) * 1e-6;
     return df_opencl_check(code, "clGetEventProfilingInfo", device->info.name, err);

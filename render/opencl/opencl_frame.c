@@ -1,9 +1,9 @@
 #include "render/opencl/opencl_frame.h"
 #include "common/memory.h"
 #include "common/progress.h"
-#include "render/opencl/grid.h"
 #include "render/methods/shade.h"
 #include "render/methods/solve_methods.h"
+#include "render/opencl/grid.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -22,7 +22,8 @@ typedef struct frame_buffer {
 } frame_buffer;
 
 enum { KERNEL_TRACE_VIEW, KERNEL_CGT_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
-static const char *const kernel_names[KERNEL_COUNT] = {"df_trace_view", "df_cgt_view", "df_shade_view", "df_trace_rays", "df_solve_rays"};
+static const char *const kernel_names[KERNEL_COUNT] = {"df_trace_view", "df_cgt_view", "df_shade_view", "df_trace_rays",
+                                                       "df_solve_rays"};
 
 enum { SCENE_SAMPLES, SCENE_EXPONENTS, SCENE_COARSE, SCENE_MASKS, SCENE_ARRAYS };
 enum { SCENE_ARGUMENTS = 5 }; /* of every kernel: the grid and the arrays */
@@ -54,14 +55,20 @@ static void scene_arrays(const df_scene *scene, scene_array arrays[SCENE_ARRAYS]
     const uint32_t *coarse = scene->coarse_count, *voxels = scene->voxel_count;
     const bool uniform = scene->levels == 1;
     memset(arrays, 0, SCENE_ARRAYS * sizeof *arrays);
-    arrays[SCENE_SAMPLES] = (scene_array){"samples", field->samples, field->sample_count * df_sample_size(field->sample_type)};
-    arrays[SCENE_EXPONENTS] = (scene_array){"exponents", field->brick_exponents, field->brick_exponents ? field->brick_count : 0};
-    arrays[SCENE_COARSE] = (scene_array){"coarse cells", scene->coarse, uniform ? 0 : 4ull * coarse[0] * coarse[1] * coarse[2]};
-    arrays[SCENE_MASKS] = uniform ? (scene_array){"surface mask", scene->rows, 8ull * scene->row_words * voxels[1] * voxels[2]}
-                                  : (scene_array){"surface masks", scene->masks, 8ull * scene->block_count * df_brick_mask_words(scene->k)};
+    arrays[SCENE_SAMPLES] =
+        (scene_array){"samples", field->samples, field->sample_count * df_sample_size(field->sample_type)};
+    arrays[SCENE_EXPONENTS] =
+        (scene_array){"exponents", field->brick_exponents, field->brick_exponents ? field->brick_count : 0};
+    arrays[SCENE_COARSE] =
+        (scene_array){"coarse cells", scene->coarse, uniform ? 0 : 4ull * coarse[0] * coarse[1] * coarse[2]};
+    arrays[SCENE_MASKS] =
+        uniform
+            ? (scene_array){"surface mask", scene->rows, 8ull * scene->row_words * voxels[1] * voxels[2]}
+            : (scene_array){"surface masks", scene->masks, 8ull * scene->block_count * df_brick_mask_words(scene->k)};
 }
 
-df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_t memory_size, const char *name, df_error *err) {
+df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_t memory_size, const char *name,
+                         df_error *err) {
     static const df_sample_type types[] = {DF_SAMPLE_F32, DF_SAMPLE_U16, DF_SAMPLE_U8};
     const df_field *field = scene->field;
     scene_array arrays[SCENE_ARRAYS];
@@ -75,19 +82,21 @@ df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_
     if (largest <= allocation_max && all <= memory_size) return DF_OK;
     const uint64_t brick_samples = (uint64_t)scene->block_count * df_brick_sample_count(scene->k);
     for (int bricks = 0; bricks < 2; bricks++) {
-        if (bricks != (field->kind == DF_FIELD_BRICKS) && (!bricks || scene->levels == 1)) continue; /* not known here */
+        if (bricks != (field->kind == DF_FIELD_BRICKS) && (!bricks || scene->levels == 1))
+            continue; /* not known here */
         for (int t = 0; t < 3; t++) {
             uint64_t size = (bricks ? brick_samples : field->sample_count) * df_sample_size(types[t]);
             if (size > allocation_max || size + (all - arrays[SCENE_SAMPLES].size) > memory_size) continue;
             size_t used = strlen(fitting);
-            snprintf(fitting + used, sizeof fitting - used, "%s%s %s (%" PRIu64 " bytes)", used ? ", " : "", bricks ? "bricks of" : "dense",
-                     df_sample_type_name(types[t]), size);
+            snprintf(fitting + used, sizeof fitting - used, "%s%s %s (%" PRIu64 " bytes)", used ? ", " : "",
+                     bricks ? "bricks of" : "dense", df_sample_type_name(types[t]), size);
         }
     }
     return df_fail(err, DF_ERROR_MEMORY,
-                   "%s: the field has %" PRIu64 " bytes, the largest array %" PRIu64 "; the device takes %" PRIu64 " in one buffer and %" PRIu64
-                   " in all; %s%s",
-                   name, all, largest, allocation_max, memory_size, fitting[0] ? "these would fit: " : "a lower resolution would fit", fitting);
+                   "%s: the field has %" PRIu64 " bytes, the largest array %" PRIu64 "; the device takes %" PRIu64
+                   " in one buffer and %" PRIu64 " in all; %s%s",
+                   name, all, largest, allocation_max, memory_size,
+                   fitting[0] ? "these would fit: " : "a lower resolution would fit", fitting);
 }
 
 static df_grid make_grid(const df_scene *scene) {
@@ -103,28 +112,32 @@ typedef struct kernel_argument {
     size_t size;
     const void *value;
 } kernel_argument;
-#define ARGUMENT(variable) {sizeof(variable), &(variable)}
+#define ARGUMENT(variable) \
+    { sizeof(variable), &(variable) }
 
-static df_status set_arguments(df_opencl_renderer *r, cl_kernel kernel, uint32_t first, const kernel_argument *arguments, uint32_t count,
-                               df_error *err) {
-    for (uint32_t i = 0; i < count; i++) DF_CL(&r->device, SetKernelArg, kernel, first + i, arguments[i].size, arguments[i].value);
+static df_status set_arguments(df_opencl_renderer *r, cl_kernel kernel, uint32_t first,
+                               const kernel_argument *arguments, uint32_t count, df_error *err) {
+    for (uint32_t i = 0; i < count; i++)
+        DF_CL(&r->device, SetKernelArg, kernel, first + i, arguments[i].size, arguments[i].value);
     return DF_OK;
 }
 
 /* Queues a kernel; its event goes to r->events. */
-static df_status launch(df_opencl_renderer *r, cl_kernel kernel, uint32_t dimensions, const size_t extent[2], const size_t group[2],
-                        df_error *err) {
+static df_status launch(df_opencl_renderer *r, cl_kernel kernel, uint32_t dimensions, const size_t extent[2],
+                        const size_t group[2], df_error *err) {
     size_t global[2];
     assert(r->event_count < sizeof r->events / sizeof r->events[0]);
     for (uint32_t d = 0; d < dimensions; d++) global[d] = (extent[d] + group[d] - 1) / group[d] * group[d];
-    DF_CL(&r->device, EnqueueNDRangeKernel, r->device.queue, kernel, dimensions, NULL, global, group, 0, NULL, &r->events[r->event_count]);
+    DF_CL(&r->device, EnqueueNDRangeKernel, r->device.queue, kernel, dimensions, NULL, global, group, 0, NULL,
+          &r->events[r->event_count]);
     r->event_count++;
     return DF_OK;
 }
 
 static df_status read_back(df_opencl_renderer *r, cl_mem memory, void *data, uint64_t size, df_error *err) {
     assert(r->event_count < sizeof r->events / sizeof r->events[0]);
-    DF_CL(&r->device, EnqueueReadBuffer, r->device.queue, memory, CL_FALSE, 0, size, data, 0, NULL, &r->events[r->event_count]);
+    DF_CL(&r->device, EnqueueReadBuffer, r->device.queue, memory, CL_FALSE, 0, size, data, 0, NULL,
+          &r->events[r->event_count]);
     r->event_count++;
     return DF_OK;
 }
@@ -155,7 +168,8 @@ static df_status grow(df_opencl_renderer *r, frame_buffer *buffer, uint64_t size
 void df_opencl_renderer_close(df_opencl_renderer *r) {
     if (!r) return;
     const df_opencl_api *cl = r->device.cl;
-    const frame_buffer *buffers[] = {&r->found, &r->candidates, &r->counts, &r->rgb, &r->depth, &r->normals, &r->rays, &r->t, &r->positions};
+    const frame_buffer *buffers[] = {&r->found,   &r->candidates, &r->counts, &r->rgb,      &r->depth,
+                                     &r->normals, &r->rays,       &r->t,      &r->positions};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++) {
         if (buffers[i]->memory) cl->ReleaseMemObject(buffers[i]->memory);
     }
@@ -173,24 +187,31 @@ void df_opencl_renderer_close(df_opencl_renderer *r) {
 
 /* A 3D image of the samples of a dense field. */
 static df_status upload_image(df_opencl_renderer *r, df_error *err) {
-    static const cl_channel_type channels[] = {[DF_SAMPLE_F32] = CL_FLOAT, [DF_SAMPLE_U16] = CL_UNSIGNED_INT16, [DF_SAMPLE_U8] = CL_UNSIGNED_INT8};
+    static const cl_channel_type channels[] = {
+        [DF_SAMPLE_F32] = CL_FLOAT, [DF_SAMPLE_U16] = CL_UNSIGNED_INT16, [DF_SAMPLE_U8] = CL_UNSIGNED_INT8};
     const df_field *field = r->scene->field;
     const df_opencl_info *info = &r->device.info;
-    const size_t start[3] = {0, 0, 0}, size[3] = {field->voxel_count[0] + 1, field->voxel_count[1] + 1, field->voxel_count[2] + 1};
-    if (field->kind != DF_FIELD_DENSE) return df_fail(err, DF_ERROR_USAGE, "--gradient-image: a field of %s makes no image", df_field_kind_name(field->kind));
+    const size_t start[3] = {0, 0, 0},
+                 size[3] = {field->voxel_count[0] + 1, field->voxel_count[1] + 1, field->voxel_count[2] + 1};
+    if (field->kind != DF_FIELD_DENSE)
+        return df_fail(err, DF_ERROR_USAGE, "--gradient-image: a field of %s makes no image",
+                       df_field_kind_name(field->kind));
     if (!info->images) return df_fail(err, DF_ERROR_UNSUPPORTED, "--gradient-image: %s has no images", info->name);
     if (size[0] > info->image3d_max[0] || size[1] > info->image3d_max[1] || size[2] > info->image3d_max[2]) {
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "--gradient-image: %s: an image of %zux%zux%zu samples: at most %zux%zux%zu", info->name, size[0],
-                       size[1], size[2], info->image3d_max[0], info->image3d_max[1], info->image3d_max[2]);
+        return df_fail(err, DF_ERROR_UNSUPPORTED,
+                       "--gradient-image: %s: an image of %zux%zux%zu samples: at most %zux%zux%zu", info->name,
+                       size[0], size[1], size[2], info->image3d_max[0], info->image3d_max[1], info->image3d_max[2]);
     }
     const cl_image_format format = {CL_R, channels[field->sample_type]};
-    const cl_image_desc desc = {.image_type = CL_MEM_OBJECT_IMAGE3D, .image_width = size[0], .image_height = size[1], .image_depth = size[2]};
+    const cl_image_desc desc = {
+        .image_type = CL_MEM_OBJECT_IMAGE3D, .image_width = size[0], .image_height = size[1], .image_depth = size[2]};
     cl_event event;
     cl_int code;
     double ms;
     r->image = r->device.cl->CreateImage(r->device.context, CL_MEM_READ_ONLY, &format, &desc, NULL, &code);
     if (!r->image) return df_opencl_check(code, "clCreateImage", info->name, err);
-    DF_CL(&r->device, EnqueueWriteImage, r->device.queue, r->image, CL_TRUE, start, size, 0, 0, field->samples, 0, NULL, &event);
+    DF_CL(&r->device, EnqueueWriteImage, r->device.queue, r->image, CL_TRUE, start, size, 0, 0, field->samples, 0, NULL,
+          &event);
     df_status status = df_opencl_event_ms(&r->device, event, &ms, err);
     r->upload_ms += ms;
     return status;
@@ -199,17 +220,20 @@ static df_status upload_image(df_opencl_renderer *r, df_error *err) {
 static df_status upload(df_opencl_renderer *r, df_error *err) {
     scene_array arrays[SCENE_ARRAYS];
     uint8_t *table;
-    df_status status = df_opencl_fits(r->scene, r->device.info.allocation_max, r->device.info.memory_size, r->device.info.name, err);
+    df_status status =
+        df_opencl_fits(r->scene, r->device.info.allocation_max, r->device.info.memory_size, r->device.info.name, err);
     scene_arrays(r->scene, arrays);
     for (int i = 0; i < SCENE_ARRAYS && status == DF_OK; i++) {
-        status = df_opencl_upload(&r->device, arrays[i].data, arrays[i].size, arrays[i].what, &r->arrays[i], &r->upload_ms, err);
+        status = df_opencl_upload(&r->device, arrays[i].data, arrays[i].size, arrays[i].what, &r->arrays[i],
+                                  &r->upload_ms, err);
     }
     if (status == DF_OK && r->options.images) status = upload_image(r, err);
     if (status == DF_OK) status = df_alloc((void **)&table, DF_SHADE_LEVELS, 1, "shade table", err);
     if (status != DF_OK) return status;
     df_shade_table(table);
     cl_int code;
-    r->shade_table = r->device.cl->CreateBuffer(r->device.context, CL_MEM_READ_ONLY | CL_MEM_COPY_HOST_PTR, DF_SHADE_LEVELS, table, &code);
+    r->shade_table = r->device.cl->CreateBuffer(r->device.context, CL_MEM_READ_ONLY | CL_MEM_COPY_HOST_PTR,
+                                                DF_SHADE_LEVELS, table, &code);
     free(table);
     return r->shade_table ? DF_OK : df_opencl_check(code, "clCreateBuffer", r->device.info.name, err);
 }
@@ -220,12 +244,13 @@ static df_status choose_group(df_opencl_renderer *r, df_error *err) {
     size_t most = r->device.info.group_max;
     for (int i = 0; i < KERNEL_COUNT; i++) {
         size_t of_kernel;
-        DF_CL(&r->device, GetKernelWorkGroupInfo, r->kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE, sizeof of_kernel, &of_kernel, NULL);
+        DF_CL(&r->device, GetKernelWorkGroupInfo, r->kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE,
+              sizeof of_kernel, &of_kernel, NULL);
         if (of_kernel < most) most = of_kernel;
     }
     if (wanted[0] && (uint64_t)wanted[0] * wanted[1] > most) {
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: work groups of %ux%u: at most %zu work items fit", r->device.info.name, wanted[0],
-                       wanted[1], most);
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: work groups of %ux%u: at most %zu work items fit",
+                       r->device.info.name, wanted[0], wanted[1], most);
     }
     r->group[0] = wanted[0] ? wanted[0] : 8;
     r->group[1] = wanted[0] ? wanted[1] : 8;
@@ -236,12 +261,12 @@ static df_status choose_group(df_opencl_renderer *r, df_error *err) {
 static df_status open_kernels(df_opencl_renderer *r, df_error *err) {
     char build[128];
     const df_scene *scene = r->scene;
-    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind, scene->levels, scene->k,
-             (int)scene->field->sample_type, r->image ? " -DDF_IMAGES" : "");
+    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind,
+             scene->levels, scene->k, (int)scene->field->sample_type, r->image ? " -DDF_IMAGES" : "");
     df_status status = df_opencl_build(&r->device, build, r->options.log, err);
     const df_grid grid = make_grid(scene);
-    const kernel_argument arguments[SCENE_ARGUMENTS] = {
-        ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]), ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
+    const kernel_argument arguments[SCENE_ARGUMENTS] = {ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]),
+                                                        ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
     for (int i = 0; i < KERNEL_COUNT && status == DF_OK; i++) {
         status = df_opencl_kernel(&r->device, kernel_names[i], &r->kernels[i], err);
         if (status == DF_OK) status = set_arguments(r, r->kernels[i], 0, arguments, SCENE_ARGUMENTS, err);
@@ -253,7 +278,8 @@ df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *sc
                                   df_opencl_renderer **out, df_error *err) {
     df_opencl_renderer *r;
     *out = NULL;
-    if (scene->field->kind == DF_FIELD_ADF) return df_fail(err, DF_ERROR_UNSUPPORTED, "--device: there is no OpenCL kernel for ADF fields");
+    if (scene->field->kind == DF_FIELD_ADF)
+        return df_fail(err, DF_ERROR_UNSUPPORTED, "--device: there is no OpenCL kernel for ADF fields");
     df_status status = df_alloc((void **)&r, 1, sizeof *r, "renderer", err);
     if (status != DF_OK) return status;
     r->scene = scene;
@@ -274,24 +300,28 @@ void df_opencl_renderer_costs(const df_opencl_renderer *r, double *build_ms, dou
 
 /* ---- views ---- */
 
-static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count, cl_mem counts, df_error *err) {
+static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
+                             cl_mem counts, df_error *err) {
     const uint64_t pixels = (uint64_t)view->width * row_count;
     const cl_int isolate = DF_SOLVE_ISOLATES(r->options.solve);
     const size_t extent[2] = {view->width, row_count};
     df_status status = grow(r, &r->found, pixels, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, pixels * 16, "hits", err);
-    const kernel_argument arguments[] = {{sizeof *view, view}, ARGUMENT(first_row), ARGUMENT(row_count), ARGUMENT(isolate),
-                                         ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(counts),
-                                         {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
+    const kernel_argument arguments[] = {
+        {sizeof *view, view},      ARGUMENT(first_row),
+        ARGUMENT(row_count),       ARGUMENT(isolate),
+        ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
+        ARGUMENT(counts),          {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
     const bool packets = r->options.tracer == DF_OPENCL_CGT;
-    const uint32_t argument_count = sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
+    const uint32_t argument_count =
+        sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
     cl_kernel kernel = r->kernels[packets ? KERNEL_CGT_VIEW : KERNEL_TRACE_VIEW];
     if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
     return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
 }
 
-static df_status queue_shade(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count, const df_picture *picture,
-                             df_error *err) {
+static df_status queue_shade(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
+                             const df_picture *picture, df_error *err) {
     const uint64_t pixels = (uint64_t)view->width * row_count;
     const cl_int solve = r->options.solve, steps = r->options.steps, gradient = r->options.gradient;
     const size_t extent[2] = {view->width, row_count};
@@ -300,12 +330,21 @@ static df_status queue_shade(df_opencl_renderer *r, const df_view *view, uint32_
     if (picture->rgb) status = grow(r, &r->rgb, pixels * 3, "picture", err);
     if (status == DF_OK && picture->depth) status = grow(r, &r->depth, pixels * 4, "depth", err);
     if (status == DF_OK && picture->normals) status = grow(r, &r->normals, pixels * 12, "normals", err);
-    const kernel_argument arguments[] = {
-        {sizeof *view, view}, ARGUMENT(first_row), ARGUMENT(row_count), ARGUMENT(solve), ARGUMENT(steps), ARGUMENT(gradient),
-        ARGUMENT(r->shade_table), ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
-        {sizeof none, picture->rgb ? &r->rgb.memory : &none}, {sizeof none, picture->depth ? &r->depth.memory : &none},
-        {sizeof none, picture->normals ? &r->normals.memory : &none}, ARGUMENT(r->image)};
-    const uint32_t argument_count = sizeof arguments / sizeof arguments[0] - !r->image; /* the last is there with images only */
+    const kernel_argument arguments[] = {{sizeof *view, view},
+                                         ARGUMENT(first_row),
+                                         ARGUMENT(row_count),
+                                         ARGUMENT(solve),
+                                         ARGUMENT(steps),
+                                         ARGUMENT(gradient),
+                                         ARGUMENT(r->shade_table),
+                                         ARGUMENT(r->found.memory),
+                                         ARGUMENT(r->candidates.memory),
+                                         {sizeof none, picture->rgb ? &r->rgb.memory : &none},
+                                         {sizeof none, picture->depth ? &r->depth.memory : &none},
+                                         {sizeof none, picture->normals ? &r->normals.memory : &none},
+                                         ARGUMENT(r->image)};
+    const uint32_t argument_count =
+        sizeof arguments / sizeof arguments[0] - !r->image; /* the last is there with images only */
     cl_kernel kernel = r->kernels[KERNEL_SHADE_VIEW];
     if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
     return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
@@ -322,9 +361,12 @@ df_status df_opencl_renderer_rows(df_opencl_renderer *r, const df_view *view, ui
     if (row_count > 0) {
         status = queue_trace(r, view, first_row, row_count, NULL, err);
         if (status == DF_OK) status = queue_shade(r, view, first_row, row_count, picture, err);
-        if (status == DF_OK && picture->rgb) status = read_back(r, r->rgb.memory, picture->rgb + 3 * first, pixels * 3, err);
-        if (status == DF_OK && picture->depth) status = read_back(r, r->depth.memory, picture->depth + first, pixels * 4, err);
-        if (status == DF_OK && picture->normals) status = read_back(r, r->normals.memory, picture->normals + 3 * first, pixels * 12, err);
+        if (status == DF_OK && picture->rgb)
+            status = read_back(r, r->rgb.memory, picture->rgb + 3 * first, pixels * 3, err);
+        if (status == DF_OK && picture->depth)
+            status = read_back(r, r->depth.memory, picture->depth + first, pixels * 4, err);
+        if (status == DF_OK && picture->normals)
+            status = read_back(r, r->normals.memory, picture->normals + 3 * first, pixels * 12, err);
         const uint32_t commands = r->event_count;
         df_status finished = finish(r, ms, status == DF_OK ? err : NULL);
         if (status == DF_OK) status = finished;
@@ -337,7 +379,8 @@ df_status df_opencl_renderer_rows(df_opencl_renderer *r, const df_view *view, ui
     return status;
 }
 
-df_status df_opencl_renderer_count(df_opencl_renderer *r, const df_view *view, uint64_t *hitting, df_counters *counters, df_error *err) {
+df_status df_opencl_renderer_count(df_opencl_renderer *r, const df_view *view, uint64_t *hitting, df_counters *counters,
+                                   df_error *err) {
     const uint32_t rows_at_once = view->height < 64 ? view->height : 64;
     const uint64_t most = (uint64_t)view->width * rows_at_once;
     uint32_t *counts;
@@ -402,7 +445,8 @@ static df_status upload_rays(df_opencl_renderer *r, const df_rays *rays, df_erro
     for (uint32_t i = 0; i < 9 && status == DF_OK; i++) {
         const float *data = i < 3 ? rays->origin[i] : i < 6 ? rays->direction[i - 3] : rays->inverse[i - 6];
         const uint64_t size = (i < 3 && rays->shared_origin ? 1 : stride) * sizeof(float);
-        DF_CL(&r->device, EnqueueWriteBuffer, r->device.queue, r->rays.memory, CL_TRUE, i * stride * sizeof(float), size, data, 0, NULL, NULL);
+        DF_CL(&r->device, EnqueueWriteBuffer, r->device.queue, r->rays.memory, CL_TRUE, i * stride * sizeof(float),
+              size, data, 0, NULL, NULL);
     }
     return status;
 }
@@ -416,15 +460,22 @@ static df_status queue_rays(df_opencl_renderer *r, const df_rays *rays, df_error
     if (status == DF_OK) status = grow(r, &r->candidates, count * 16ull, "hits", err);
     if (status == DF_OK) status = grow(r, &r->t, count * 8ull, "hits", err);
     if (status == DF_OK) status = grow(r, &r->positions, count * 12ull, "hits", err);
-    const kernel_argument trace[] = {ARGUMENT(r->rays.memory), ARGUMENT(count), ARGUMENT(origin_step), ARGUMENT(count), ARGUMENT(isolate),
-                                     ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(none)};
-    const kernel_argument solves[] = {ARGUMENT(r->rays.memory), ARGUMENT(count), ARGUMENT(origin_step), ARGUMENT(count), ARGUMENT(solve),
-                                      ARGUMENT(steps), ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(r->t.memory),
-                                      ARGUMENT(r->positions.memory)};
+    const kernel_argument trace[] = {
+        ARGUMENT(r->rays.memory), ARGUMENT(count),           ARGUMENT(origin_step),          ARGUMENT(count),
+        ARGUMENT(isolate),        ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(none)};
+    const kernel_argument solves[] = {ARGUMENT(r->rays.memory),  ARGUMENT(count),
+                                      ARGUMENT(origin_step),     ARGUMENT(count),
+                                      ARGUMENT(solve),           ARGUMENT(steps),
+                                      ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
+                                      ARGUMENT(r->t.memory),     ARGUMENT(r->positions.memory)};
     cl_kernel *kernels = r->kernels;
-    if (status == DF_OK) status = set_arguments(r, kernels[KERNEL_TRACE_RAYS], SCENE_ARGUMENTS, trace, sizeof trace / sizeof trace[0], err);
+    if (status == DF_OK)
+        status =
+            set_arguments(r, kernels[KERNEL_TRACE_RAYS], SCENE_ARGUMENTS, trace, sizeof trace / sizeof trace[0], err);
     if (status == DF_OK) status = launch(r, kernels[KERNEL_TRACE_RAYS], 1, extent, group, err);
-    if (status == DF_OK) status = set_arguments(r, kernels[KERNEL_SOLVE_RAYS], SCENE_ARGUMENTS, solves, sizeof solves / sizeof solves[0], err);
+    if (status == DF_OK)
+        status = set_arguments(r, kernels[KERNEL_SOLVE_RAYS], SCENE_ARGUMENTS, solves, sizeof solves / sizeof solves[0],
+                               err);
     return status == DF_OK ? launch(r, kernels[KERNEL_SOLVE_RAYS], 1, extent, group, err) : status;
 }
 
@@ -443,7 +494,8 @@ static void append_hits(const df_rays *rays, const ray_results *results, df_hits
     }
 }
 
-df_status df_opencl_renderer_trace(df_opencl_renderer *r, const df_rays *rays, df_hits *hits, df_opencl_times *times, df_error *err) {
+df_status df_opencl_renderer_trace(df_opencl_renderer *r, const df_rays *rays, df_hits *hits, df_opencl_times *times,
+                                   df_error *err) {
     assert(hits->count + rays->count <= hits->capacity);
     df_opencl_times spent = {.host_start_ms = df_now_ms()};
     double ms[8] = {0};

@@ -1,4 +1,5 @@
-/* A fuzz target: one function that must survive any bytes. Linked with libFuzzer (preset fuzz) or with replay.c (ctest). */
+/* A fuzz target: one function that must survive any bytes. Linked with libFuzzer (preset fuzz) or with replay.c
+ * (ctest). */
 #ifndef DF_FUZZ_H
 #define DF_FUZZ_H
 

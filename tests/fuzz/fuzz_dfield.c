@@ -1,6 +1,7 @@
 /*
- * The .dfield reader. The first byte of the input says how the rest becomes a file: 0 as it is; 1 with checksums recomputed, so that the
- * damage gets past them; 2 with sections moved into place as well, so that it gets past the table.
+ * The .dfield reader. The first byte of the input says how the rest becomes a file: 0 as it is; 1 with checksums
+ * recomputed, so that the damage gets past them; 2 with sections moved into place as well, so that it gets past the
+ * table.
  */
 #include "common/digest.h"
 #include "common/field_file.h"
@@ -13,9 +14,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-static df_file_section *sections_of(uint8_t *file) {
-    return (df_file_section *)(file + sizeof(df_file_header));
-}
+static df_file_section *sections_of(uint8_t *file) { return (df_file_section *)(file + sizeof(df_file_header)); }
 
 /* Puts the sections one after the other and gives what is left to CRCS. Returns the size of the file. */
 static size_t place_sections(uint8_t *file, size_t size) {
@@ -28,7 +27,8 @@ static size_t place_sections(uint8_t *file, size_t size) {
         sections[i].offset = df_file_align(end);
         if (sections[i].offset > size) return size;
         if (i + 1 == header->section_count) {
-            uint64_t body = sections[i].offset - df_file_align(sizeof *header + header->section_count * sizeof *sections);
+            uint64_t body =
+                sections[i].offset - df_file_align(sizeof *header + header->section_count * sizeof *sections);
             sections[i].tag = DF_SECTION_CHECKSUMS;
             sections[i].size = (body + DF_FILE_CRC_BLOCK - 1) / DF_FILE_CRC_BLOCK * sizeof(uint32_t);
         }
@@ -50,7 +50,8 @@ static void recompute_checksums(uint8_t *file, size_t size) {
         uint64_t begin = df_file_align(sizeof *header + table_size);
         if (last->offset <= size && last->size <= size - last->offset && last->offset >= begin) {
             uint8_t *crcs = file + last->offset;
-            for (uint64_t at = begin, i = 0; at < last->offset && (i + 1) * 4 <= last->size; at += DF_FILE_CRC_BLOCK, i++) {
+            for (uint64_t at = begin, i = 0; at < last->offset && (i + 1) * 4 <= last->size;
+                 at += DF_FILE_CRC_BLOCK, i++) {
                 uint64_t part = last->offset - at < DF_FILE_CRC_BLOCK ? last->offset - at : DF_FILE_CRC_BLOCK;
                 uint32_t crc = df_crc32c(0, file + at, part);
                 memcpy(crcs + 4 * i, &crc, sizeof crc);

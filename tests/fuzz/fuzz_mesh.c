@@ -1,6 +1,6 @@
 /* The mesh readers and what cleans up after them. The first byte of the input chooses the format. */
-#include "convert/mesh_formats.h"
 #include "convert/mesh.h"
+#include "convert/mesh_formats.h"
 #include "fuzz.h"
 
 #include <stdlib.h>

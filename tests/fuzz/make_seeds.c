@@ -1,7 +1,8 @@
-/* make_seeds FOLDER: writes the seed corpora: small valid inputs of every kind, in FOLDER/dfield, FOLDER/mesh and FOLDER/options. */
+/* make_seeds FOLDER: writes the seed corpora: small valid inputs of every kind, in FOLDER/dfield, FOLDER/mesh and
+ * FOLDER/options. */
+#include "../fields.h"
 #include "common/field_file.h"
 #include "common/memory.h"
-#include "../fields.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -68,7 +69,8 @@ static void put_fields(void) {
             size_t size = file ? fread(bytes, 1, sizeof bytes, file) : 0;
             if (!file || fclose(file) != 0) exit(1);
             for (int mode = 0; mode < 3; mode++) {
-                snprintf(name, sizeof name, "%s-%s-%d", df_field_kind_name((df_field_kind)kind), df_sample_type_name((df_sample_type)type), mode);
+                snprintf(name, sizeof name, "%s-%s-%d", df_field_kind_name((df_field_kind)kind),
+                         df_sample_type_name((df_sample_type)type), mode);
                 put("dfield", name, mode, bytes, size);
             }
         }
@@ -76,21 +78,34 @@ static void put_fields(void) {
     remove(path);
 }
 
-static void put_text(const char *name, int format, const char *text) {
-    put("mesh", name, format, text, strlen(text));
-}
+static void put_text(const char *name, int format, const char *text) { put("mesh", name, format, text, strlen(text)); }
 
 static void put_meshes(void) {
-    put_text("tetrahedron.obj", 0, "# t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvn 0 0 1\nf 1/1/1 3/1/1 2/1/1\nf -4 -3 -1\nf 2//1 3//1 4//1\nf 1 4 3\n");
+    put_text("tetrahedron.obj", 0,
+             "# t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvn 0 0 1\nf 1/1/1 3/1/1 2/1/1\nf -4 -3 -1\nf 2//1 3//1 "
+             "4//1\nf 1 4 3\n");
     put_text("quad.obj", 0, "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 2 2\nf 1 2 3 4 5\nf 1 \\\n 2 3\n");
-    put_text("ascii.ply", 1, "ply\nformat ascii 1.0\ncomment c\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\nproperty uchar red\n"
-                             "element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 2\n0 1 0 3\n0 0 1 4\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
-    put_text("strips.ply", 1, "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-                              "element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n6 0 1 2 3 -1 0\n");
-    put("mesh", "binary.ply", 1, "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-        "property list uchar int vertex_indices\nend_header\n\0\0\0\0\0\0\0\0\0\0\0\0\0\0\200\77\0\0\0\0\0\0\0\0\0\0\0\0\0\0\200\77\0\0\0\0\3\0\0\0\0\1\0\0\0\2\0\0\0", 211);
+    put_text("ascii.ply", 1,
+             "ply\nformat ascii 1.0\ncomment c\nelement vertex 4\nproperty float x\nproperty double y\nproperty float "
+             "z\nproperty uchar red\n"
+             "element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 2\n0 1 0 3\n0 0 1 "
+             "4\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
+    put_text("strips.ply", 1,
+             "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+             "element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n6 0 1 "
+             "2 3 -1 0\n");
+    put("mesh", "binary.ply", 1,
+        "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float "
+        "z\nelement face 1\n"
+        "property list uchar int "
+        "vertex_indices\nend_"
+        "header\n\0\0\0\0\0\0\0\0\0\0\0\0\0\0\200\77\0\0\0\0\0\0\0\0\0\0\0\0\0\0\200\77\0\0\0\0\3\0\0\0\0\1\0\0\0\2\0\0"
+        "\0",
+        211);
     put_text("tetrahedron.off", 2, "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
-    put_text("ascii.stl", 3, "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n");
+    put_text("ascii.stl", 3,
+             "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 "
+             "0\nendloop\nendfacet\nendsolid a\n");
     uint8_t stl[84 + 50] = "binary";
     const float corners[12] = {0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0};
     stl[80] = 1;

@@ -1,6 +1,6 @@
 /*
- * Runs a fuzz target without libFuzzer: replay FOLDER [MUTATIONS] feeds it every file of the folder, then that many mutations of each,
- * made from a fixed seed. This is what ctest does with the corpora; pipelines/fuzz searches further.
+ * Runs a fuzz target without libFuzzer: replay FOLDER [MUTATIONS] feeds it every file of the folder, then that many
+ * mutations of each, made from a fixed seed. This is what ctest does with the corpora; pipelines/fuzz searches further.
  */
 #include "fuzz.h"
 
@@ -53,9 +53,7 @@ static void run_file(const char *folder, const char *name, unsigned long mutatio
     free(copy);
 }
 
-static int by_name(const void *a, const void *b) {
-    return strcmp(*(char *const *)a, *(char *const *)b);
-}
+static int by_name(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
 
 int main(int argc, char **argv) {
     if (argc < 2) return 2;

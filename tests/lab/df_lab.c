@@ -1,11 +1,10 @@
 /*
  * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
  *
- *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or
- *                                                  FIELD.dfield:MESH.obj with the mesh that it was made from
- *   df-lab escape [RAYS]                           rays from inside closed fields, with every tracer: none may escape
- *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of the laboratory
- *   df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
+ *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name, a
+ * .dfield file, or FIELD.dfield:MESH.obj with the mesh that it was made from df-lab escape [RAYS] rays from inside
+ * closed fields, with every tracer: none may escape df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of
+ * the laboratory df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
  */
 #include "common/field_file.h"
 #include "common/image.h"
@@ -14,9 +13,9 @@
 #include "measure.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
-#include "render/quality.h"
 #include "render/methods/shade.h"
 #include "render/methods/solve_methods.h"
+#include "render/quality.h"
 #include "table.h"
 
 #include <inttypes.h>
@@ -37,17 +36,19 @@ static const char columns[] =
 typedef struct method {
     int solve, steps; /* steps as for --steps; 0: there is nothing to choose */
 } method;
-static const method methods[] = {
-    {DF_SOLVE_MIDPOINT, 0}, {DF_SOLVE_LINEAR, 0}, {DF_SOLVE_REPEATED, 1}, {DF_SOLVE_REPEATED, 2}, {DF_SOLVE_REPEATED, 3}, {DF_SOLVE_REPEATED, 5},
-    {DF_SOLVE_MARMITT, 1}, {DF_SOLVE_MARMITT, 2}, {DF_SOLVE_MARMITT, 3}, {DF_SOLVE_MARMITT, 5}, {DF_SOLVE_ANALYTIC, 0},
-    {DF_SOLVE_ROBUST, 1}, {DF_SOLVE_ROBUST, 2}, {DF_SOLVE_ROBUST, 3}, {DF_SOLVE_ROBUST, 4}, {DF_SOLVE_ROBUST, 6}, {DF_SOLVE_ROBUST, 16}};
+static const method methods[] = {{DF_SOLVE_MIDPOINT, 0}, {DF_SOLVE_LINEAR, 0},   {DF_SOLVE_REPEATED, 1},
+                                 {DF_SOLVE_REPEATED, 2}, {DF_SOLVE_REPEATED, 3}, {DF_SOLVE_REPEATED, 5},
+                                 {DF_SOLVE_MARMITT, 1},  {DF_SOLVE_MARMITT, 2},  {DF_SOLVE_MARMITT, 3},
+                                 {DF_SOLVE_MARMITT, 5},  {DF_SOLVE_ANALYTIC, 0}, {DF_SOLVE_ROBUST, 1},
+                                 {DF_SOLVE_ROBUST, 2},   {DF_SOLVE_ROBUST, 3},   {DF_SOLVE_ROBUST, 4},
+                                 {DF_SOLVE_ROBUST, 6},   {DF_SOLVE_ROBUST, 16}};
 enum { METHOD_COUNT = sizeof methods / sizeof methods[0] };
 
 /* A field under measurement. */
 typedef struct subject {
     char name[64];
     lab_surface surface;
-    bool exact; /* the surface's truth is known */
+    bool exact;     /* the surface's truth is known */
     lab_mesh *mesh; /* NULL: not made from one, or that is not known */
     df_field field;
     df_scene scene;
@@ -81,8 +82,8 @@ static int find_name(const char *const *names, const char *name) {
     return -1;
 }
 
-static df_status make_field(const char *shape, uint32_t size, double parameter, df_field_kind kind, lab_surface *surface, df_field *field,
-                            df_error *err) {
+static df_status make_field(const char *shape, uint32_t size, double parameter, df_field_kind kind,
+                            lab_surface *surface, df_field *field, df_error *err) {
     const uint32_t count[3] = {size, size, size};
     const int index = find_name(lab_shape_names, shape);
     if (index < 0) return df_fail(err, DF_ERROR_USAGE, "%s: not a shape of the laboratory", shape);
@@ -138,8 +139,9 @@ typedef struct row {
 
 static void row_key(const lab_session *session, const subject *s, const row *r, char *key, size_t size) {
     (void)session;
-    snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s), df_field_kind_name(s->field.kind),
-             df_sample_type_name(s->field.sample_type), r->tracer, r->intersect, r->steps, r->gradient, r->truth, r->family, r->rays);
+    snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s),
+             df_field_kind_name(s->field.kind), df_sample_type_name(s->field.sample_type), r->tracer, r->intersect,
+             r->steps, r->gradient, r->truth, r->family, r->rays);
 }
 
 static int print_times(char *out, size_t size, const row *r) {
@@ -157,20 +159,25 @@ static df_status write_row(lab_session *session, const subject *s, const row *r)
     row_key(session, s, r, key, sizeof key);
     if (r->score) {
         const lab_score *c = r->score;
-        at += snprintf(results + at, size - (size_t)at, ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64
-                       ",%.3g,%.3g,%.3g,%.3g,%.3g,%.3g", c->tangent, c->true_positive, c->false_positive, c->false_negative, c->true_negative,
-                       c->leaks, c->wrong_face, lab_histogram_quantile(&c->depth, 0.5), lab_histogram_quantile(&c->depth, 0.99),
-                       lab_histogram_quantile(&c->depth, 0.999), c->depth.max, lab_histogram_quantile(&c->residual, 0.99), c->residual.max);
+        at += snprintf(results + at, size - (size_t)at,
+                       ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64
+                       ",%.3g,%.3g,%.3g,%.3g,%.3g,%.3g",
+                       c->tangent, c->true_positive, c->false_positive, c->false_negative, c->true_negative, c->leaks,
+                       c->wrong_face, lab_histogram_quantile(&c->depth, 0.5), lab_histogram_quantile(&c->depth, 0.99),
+                       lab_histogram_quantile(&c->depth, 0.999), c->depth.max,
+                       lab_histogram_quantile(&c->residual, 0.99), c->residual.max);
     } else {
         at += snprintf(results + at, size - (size_t)at, ",,,,,,,,,,,,,");
     }
     if (n) {
-        at += snprintf(results + at, size - (size_t)at, ",%.3g,%.3g,%.3g,", lab_histogram_quantile(n, 0.5), lab_histogram_quantile(n, 0.99), n->max);
+        at += snprintf(results + at, size - (size_t)at, ",%.3g,%.3g,%.3g,", lab_histogram_quantile(n, 0.5),
+                       lab_histogram_quantile(n, 0.99), n->max);
     } else {
         at += snprintf(results + at, size - (size_t)at, ",,,,");
     }
     at += print_times(results + at, size - (size_t)at, r);
-    snprintf(results + at, size - (size_t)at, ",%.3g,%u,%s,%s", s->field_floor, LAB_SEED, session->machine, "gcc " __VERSION__);
+    snprintf(results + at, size - (size_t)at, ",%.3g,%u,%s,%s", s->field_floor, LAB_SEED, session->machine,
+             "gcc " __VERSION__);
     return lab_table_add(&session->table, LAB_VERSION, key, results, session->err);
 }
 
@@ -182,9 +189,16 @@ static bool have_row(const lab_session *session, const subject *s, const row *r)
 
 /* ---- errors of solves ---- */
 
-static df_status measure_errors(lab_session *session, const subject *s, lab_family family, const lab_surface *surface, const lab_mesh *mesh, uint64_t rays) {
+static df_status measure_errors(lab_session *session, const subject *s, lab_family family, const lab_surface *surface,
+                                const lab_mesh *mesh, uint64_t rays) {
     const bool outer = surface || mesh;
-    lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .surface = surface, .mesh = mesh, .family = family, .seed = LAB_SEED, .count = rays};
+    lab_run run = {.tracer = &df_tracer_dda,
+                   .scene = &s->scene,
+                   .surface = surface,
+                   .mesh = mesh,
+                   .family = family,
+                   .seed = LAB_SEED,
+                   .count = rays};
     df_status status = DF_OK;
     run.truths = calloc(rays, sizeof *run.truths);
     if (!run.truths) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for %" PRIu64 " truths", rays);
@@ -193,9 +207,19 @@ static df_status measure_errors(lab_session *session, const subject *s, lab_fami
         run.solve = methods[m].solve;
         run.steps = methods[m].steps;
         if (outer && run.solve != DF_SOLVE_ROBUST && run.steps > 1) continue; /* the field's error hides them */
-        const row r = {.kind = "solve", .tracer = "dda", .intersect = df_solve_names[run.solve], .gradient = "", .steps = run.steps,
-                       .truth = mesh ? "mesh" : surface ? "surface" : "field", .family = lab_family_names[family], .rays = rays, .score = &score,
-                       .ns_per_ray = -1, .ns_per_hit = -1};
+        const row r = {.kind = "solve",
+                       .tracer = "dda",
+                       .intersect = df_solve_names[run.solve],
+                       .gradient = "",
+                       .steps = run.steps,
+                       .truth = mesh      ? "mesh"
+                                : surface ? "surface"
+                                          : "field",
+                       .family = lab_family_names[family],
+                       .rays = rays,
+                       .score = &score,
+                       .ns_per_ray = -1,
+                       .ns_per_hit = -1};
         if (have_row(session, s, &r)) continue;
         status = lab_measure(&run, &score, session->err);
         run.truths_known = true;
@@ -258,10 +282,22 @@ static df_status time_all(lab_session *session, const subject *s, double distanc
     return status;
 }
 
-static timing make_timing(const lab_session *session, const char *kind, const df_tracer *tracer, int solve, int steps, int gradient) {
-    return (timing){.options = {.tracer = tracer, .solve = solve, .steps = steps, .gradient = gradient, .tile = 64, .threads = 1, .kernels = session->kernels},
-                    .row = {.kind = kind, .tracer = tracer->name, .intersect = df_solve_names[solve], .steps = steps,
-                            .gradient = df_gradient_names[gradient], .truth = "", .family = "camera"}};
+static timing make_timing(const lab_session *session, const char *kind, const df_tracer *tracer, int solve, int steps,
+                          int gradient) {
+    return (timing){.options = {.tracer = tracer,
+                                .solve = solve,
+                                .steps = steps,
+                                .gradient = gradient,
+                                .tile = 64,
+                                .threads = 1,
+                                .kernels = session->kernels},
+                    .row = {.kind = kind,
+                            .tracer = tracer->name,
+                            .intersect = df_solve_names[solve],
+                            .steps = steps,
+                            .gradient = df_gradient_names[gradient],
+                            .truth = "",
+                            .family = "camera"}};
 }
 
 static df_status measure_times(lab_session *session, const subject *s) {
@@ -275,19 +311,21 @@ static df_status measure_times(lab_session *session, const subject *s) {
     if (status != DF_OK) return status;
     const df_tracer *chosen = df_tracer_choose(&s->scene, &view);
     for (int m = 0; m < METHOD_COUNT; m++) {
-        solves[m] = make_timing(session, "solve-time", chosen, methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
+        solves[m] =
+            make_timing(session, "solve-time", chosen, methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
     }
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if ((*tracer)->suits && !(*tracer)->suits(&s->scene, &view)) continue;
         others[count++] = make_timing(session, "tracer-time", *tracer, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL);
     }
-    for (int g = 0; g < DF_GRADIENT_COUNT; g++) others[count++] = make_timing(session, "gradient-time", chosen, DF_SOLVE_ROBUST, 0, g);
+    for (int g = 0; g < DF_GRADIENT_COUNT; g++)
+        others[count++] = make_timing(session, "gradient-time", chosen, DF_SOLVE_ROBUST, 0, g);
     status = time_all(session, s, 1.6, solves, METHOD_COUNT);
     return status == DF_OK ? time_all(session, s, 1.6, others, count) : status;
 }
 
-/* What --quality auto chooses at three distances, beside all that it chooses from: the steps of robust with the chosen gradient and with the
- * default one. */
+/* What --quality auto chooses at three distances, beside all that it chooses from: the steps of robust with the chosen
+ * gradient and with the default one. */
 static df_status measure_auto(lab_session *session, const subject *s) {
     static const struct {
         double distance;
@@ -310,8 +348,10 @@ static df_status measure_auto(lab_session *session, const subject *s) {
         const df_tracer *tracer = df_tracer_choose(&s->scene, &view);
         timings[count++] = make_timing(session, "auto-time", tracer, quality.solve, quality.steps, quality.gradient);
         for (int i = 0; i < 6; i++) {
-            timings[count++] = make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_CORNER_CENTRAL);
-            timings[count++] = make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_ANALYTIC);
+            timings[count++] =
+                make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_CORNER_CENTRAL);
+            timings[count++] =
+                make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_ANALYTIC);
         }
         for (int i = 0; i < count; i++) timings[i].row.family = places[p].family;
         status = time_all(session, s, places[p].distance, timings, count);
@@ -321,7 +361,8 @@ static df_status measure_auto(lab_session *session, const subject *s) {
 
 /* ---- normals ---- */
 
-/* The angle in degrees between the normal of each gradient at the default method's hit and that of the exact surface there. */
+/* The angle in degrees between the normal of each gradient at the default method's hit and that of the exact surface
+ * there. */
 static df_status measure_normals(lab_session *session, const subject *s, uint64_t rays) {
     lab_histogram *angles = calloc(DF_GRADIENT_COUNT, sizeof *angles);
     if (!angles) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for angles");
@@ -360,8 +401,16 @@ static df_status measure_normals(lab_session *session, const subject *s, uint64_
     }
     df_status status = DF_OK;
     for (int g = 0; g < DF_GRADIENT_COUNT && status == DF_OK; g++) {
-        const row r = {.kind = "gradient", .tracer = "", .intersect = "", .gradient = df_gradient_names[g], .truth = "surface",
-                       .family = lab_family_names[LAB_CAMERA], .rays = rays, .normal = &angles[g], .ns_per_ray = -1, .ns_per_hit = -1};
+        const row r = {.kind = "gradient",
+                       .tracer = "",
+                       .intersect = "",
+                       .gradient = df_gradient_names[g],
+                       .truth = "surface",
+                       .family = lab_family_names[LAB_CAMERA],
+                       .rays = rays,
+                       .normal = &angles[g],
+                       .ns_per_ray = -1,
+                       .ns_per_hit = -1};
         if (!have_row(session, s, &r)) status = write_row(session, s, &r);
     }
     free(angles);
@@ -398,13 +447,22 @@ static df_status quantise(const df_field *dense, df_sample_type type, df_field *
 }
 
 /* The error of a stored field against its exact surface: truth against truth, no tracer. */
-static df_status measure_storage(lab_session *session, const char *name, const lab_surface *surface, const df_field *field, uint64_t rays) {
+static df_status measure_storage(lab_session *session, const char *name, const lab_surface *surface,
+                                 const df_field *field, uint64_t rays) {
     const double box[3] = {field->voxel_count[0], field->voxel_count[1], field->voxel_count[2]};
     lab_score score = {0};
     subject s = {.surface = *surface, .field = *field};
     snprintf(s.name, sizeof s.name, "%s", name);
-    const row r = {.kind = "storage", .tracer = "", .intersect = "", .gradient = "", .truth = "surface", .family = "camera", .rays = rays, .score = &score,
-                   .ns_per_ray = -1, .ns_per_hit = -1};
+    const row r = {.kind = "storage",
+                   .tracer = "",
+                   .intersect = "",
+                   .gradient = "",
+                   .truth = "surface",
+                   .family = "camera",
+                   .rays = rays,
+                   .score = &score,
+                   .ns_per_ray = -1,
+                   .ns_per_hit = -1};
     if (have_row(session, &s, &r)) return DF_OK;
 #pragma omp parallel
     {
@@ -440,7 +498,8 @@ static df_status measure_structures(lab_session *session, const char *name, uint
     for (int k = 0; k < 3 && status == DF_OK; k++) {
         lab_surface surface;
         df_field field = {0};
-        if (kinds[k] == DF_FIELD_ADF && size & (size - 1)) continue; /* the test octree fills a cube of a power of two */
+        if (kinds[k] == DF_FIELD_ADF && size & (size - 1))
+            continue; /* the test octree fills a cube of a power of two */
         status = make_field(name, size, 0, kinds[k], &surface, &field, session->err);
         if (status == DF_OK) status = measure_storage(session, name, &surface, &field, rays);
         for (int t = DF_SAMPLE_U16; t <= DF_SAMPLE_U8 && k == 0 && status == DF_OK; t++) {
@@ -455,16 +514,22 @@ static df_status measure_structures(lab_session *session, const char *name, uint
 
 /* ---- commands ---- */
 
-/* What no solver can undo: the median error of the default method against the exact surface, in voxels along the ray; or what the file
- * says of its own error. */
+/* What no solver can undo: the median error of the default method against the exact surface, in voxels along the ray;
+ * or what the file says of its own error. */
 static df_status find_floor(lab_session *session, subject *s, uint64_t rays) {
     lab_score score = {0};
     if (!s->exact && !s->mesh) {
         s->field_floor = s->field.error_rms > 0 ? s->field.error_rms / s->field.voxel_size[0] : 0;
         return DF_OK;
     }
-    const lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .solve = DF_SOLVE_ROBUST, .surface = s->exact ? &s->surface : NULL, .mesh = s->mesh,
-                         .family = LAB_CAMERA, .seed = LAB_SEED, .count = rays};
+    const lab_run run = {.tracer = &df_tracer_dda,
+                         .scene = &s->scene,
+                         .solve = DF_SOLVE_ROBUST,
+                         .surface = s->exact ? &s->surface : NULL,
+                         .mesh = s->mesh,
+                         .family = LAB_CAMERA,
+                         .seed = LAB_SEED,
+                         .count = rays};
     df_status status = lab_measure(&run, &score, session->err);
     s->field_floor = lab_histogram_quantile(&score.depth, 0.5);
     return status;
@@ -521,7 +586,8 @@ static df_status command_measure(int argc, char **argv, df_error *err) {
     }
     const uint32_t sizes[] = {64, 128};
     for (int n = 0; n < (session.quick ? 1 : 2) && named == 0; n++) {
-        for (int i = 0; i < LAB_SHAPE_COUNT && status == DF_OK; i++) status = measure_subject(&session, lab_shape_names[i], sizes[n]);
+        for (int i = 0; i < LAB_SHAPE_COUNT && status == DF_OK; i++)
+            status = measure_subject(&session, lab_shape_names[i], sizes[n]);
     }
     lab_table_close(&session.table);
     return status;
@@ -537,7 +603,12 @@ static df_status command_escape(int argc, char **argv, df_error *err) {
         status = subject_open(&s, shapes[i], 64, err);
         for (const df_tracer *const *tracer = df_tracers; *tracer && status == DF_OK; tracer++) {
             uint64_t traced, escapes, first;
-            const lab_run run = {.tracer = *tracer, .scene = &s.scene, .solve = DF_SOLVE_ROBUST, .family = LAB_INSIDE, .seed = LAB_SEED, .count = rays / 5};
+            const lab_run run = {.tracer = *tracer,
+                                 .scene = &s.scene,
+                                 .solve = DF_SOLVE_ROBUST,
+                                 .family = LAB_INSIDE,
+                                 .seed = LAB_SEED,
+                                 .count = rays / 5};
             if ((*tracer)->suits && !(*tracer)->suits(&s.scene, NULL)) continue;
             status = lab_count_escapes(&run, &traced, &escapes, &first, err);
             if (status != DF_OK) break;
@@ -554,14 +625,15 @@ static df_status command_escape(int argc, char **argv, df_error *err) {
 static df_status command_field(int argc, char **argv, df_error *err) {
     lab_surface surface;
     df_field field = {0};
-    df_status status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 3 ? atof(argv[3]) : 0, DF_FIELD_BRICKS, &surface, &field, err);
+    df_status status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 3 ? atof(argv[3]) : 0, DF_FIELD_BRICKS,
+                                  &surface, &field, err);
     if (status == DF_OK) status = df_field_write(&field, argv[2], err);
     df_field_free(&field);
     return status;
 }
 
-/* The colour of an error: from blue for 1e-6 voxel and less by green to red for 1 and more; misses that are wrong are magenta, hits that are
- * wrong white, the background is grey. */
+/* The colour of an error: from blue for 1e-6 voxel and less by green to red for 1 and more; misses that are wrong are
+ * magenta, hits that are wrong white, the background is grey. */
 static void error_colour(double error, uint8_t rgb[3]) {
     const double s = fmin(1, fmax(0, (log10(fmax(error, 1e-9)) + 6) / 6));
     rgb[0] = (uint8_t)(255 * fmin(1, fmax(0, 2 * s - 0.5)));
@@ -585,7 +657,9 @@ static df_status command_map(int argc, char **argv, df_error *err) {
     float *depth = malloc(sizeof(float) * SIZE * SIZE);
     df_status status = rgb && depth ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
     if (solve < 0) status = df_fail(err, DF_ERROR_USAGE, "%s: no such solve", argv[2]);
-    if (status == DF_OK) status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 4 ? atof(argv[4]) : 0, DF_FIELD_BRICKS, &surface, &field, err);
+    if (status == DF_OK)
+        status = make_field(argv[0], (uint32_t)atoi(argv[1]), argc > 4 ? atof(argv[4]) : 0, DF_FIELD_BRICKS, &surface,
+                            &field, err);
     if (status == DF_OK) status = df_scene_prepare(&field, 0, &options, &scene, err);
     df_camera_orbit(&field, 30, 20, 1.6, &camera);
     camera.fov_y = 0.75;

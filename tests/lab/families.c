@@ -3,14 +3,13 @@
 
 #include <math.h>
 
-const char *const lab_family_names[LAB_FAMILY_COUNT + 1] = {"random", "grazing", "lattice", "camera", "secondary", "inside", NULL};
+const char *const lab_family_names[LAB_FAMILY_COUNT + 1] = {"random",    "grazing", "lattice", "camera",
+                                                            "secondary", "inside",  NULL};
 
 /* Draws to find a voxel of the surface or a point inside. */
 #define TRIES_MAX 5000
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void random_point(const df_field *field, uint64_t *seed, double p[3]) {
     for (int a = 0; a < 3; a++) p[a] = lab_random(seed, 0, field->voxel_count[a]);
@@ -87,8 +86,10 @@ static bool grazing_ray(const df_field *field, uint64_t *seed, double origin[3],
 }
 
 static void lattice_ray(const df_field *field, uint64_t *seed, double origin[3], double direction[3]) {
-    /* steps of a few voxels along each axis; the ray passes a corner, an edge (one coordinate between) or a face (two) */
-    const uint32_t free = lab_random_index(seed, 8) & lab_random_index(seed, 8), reach = lab_random_index(seed, 3) ? 1 : 3;
+    /* steps of a few voxels along each axis; the ray passes a corner, an edge (one coordinate between) or a face (two)
+     */
+    const uint32_t free = lab_random_index(seed, 8) & lab_random_index(seed, 8),
+                   reach = lab_random_index(seed, 3) ? 1 : 3;
     double largest = 0;
     for (int a = 0; a < 3; a++) {
         direction[a] = (double)lab_random_index(seed, 2 * reach + 1) - (double)reach;
@@ -102,11 +103,13 @@ static void lattice_ray(const df_field *field, uint64_t *seed, double origin[3],
 }
 
 static void camera_ray(const df_field *field, uint64_t *seed, double origin[3], double direction[3]) {
-    const double azimuth = lab_random_index(seed, 36) * M_PI / 18, elevation = 0.3, distance = 1.6 * longest_side(field);
+    const double azimuth = lab_random_index(seed, 36) * M_PI / 18, elevation = 0.3,
+                 distance = 1.6 * longest_side(field);
     const double toward[3] = {sin(azimuth) * cos(elevation), sin(elevation), cos(azimuth) * cos(elevation)};
     const double right[3] = {cos(azimuth), 0, -sin(azimuth)};
     const double up[3] = {-sin(azimuth) * sin(elevation), cos(elevation), -cos(azimuth) * sin(elevation)};
-    const double x = lab_random(seed, -0.6, 0.6), y = lab_random(seed, -0.55, 0.55); /* tan of half the view: 1 rad high */
+    const double x = lab_random(seed, -0.6, 0.6),
+                 y = lab_random(seed, -0.55, 0.55); /* tan of half the view: 1 rad high */
     for (int a = 0; a < 3; a++) {
         origin[a] = field->voxel_count[a] / 2.0 + distance * toward[a];
         direction[a] = x * right[a] + y * up[a] - toward[a];
@@ -132,7 +135,8 @@ static bool inside_ray(const df_field *field, uint64_t *seed, double origin[3], 
         double lower[3], side;
         random_point(field, seed, origin);
         const bool stored = cell_at(field, origin, corners, lower, &side);
-        const double local[3] = {(origin[0] - lower[0]) / side, (origin[1] - lower[1]) / side, (origin[2] - lower[2]) / side};
+        const double local[3] = {(origin[0] - lower[0]) / side, (origin[1] - lower[1]) / side,
+                                 (origin[2] - lower[2]) / side};
         found = stored ? df_trilinear(corners, local) < 0 : corners[0] < 0;
     }
     lab_random_direction(seed, direction);
@@ -149,7 +153,8 @@ static bool inside_ray(const df_field *field, uint64_t *seed, double origin[3], 
     return true;
 }
 
-bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uint64_t index, double origin[3], double direction[3]) {
+bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uint64_t index, double origin[3],
+                    double direction[3]) {
     uint64_t state = seed + 0x632BE59BD9B4E019u * (index + 1) + (uint64_t)family;
     lab_random_bits(&state);
     switch (family) {

@@ -1,6 +1,6 @@
 /*
- * Families of rays, in grid space. Ray i of a family depends on the field, the family's seed and i alone, so that any part of a run can
- * be repeated.
+ * Families of rays, in grid space. Ray i of a family depends on the field, the family's seed and i alone, so that any
+ * part of a run can be repeated.
  */
 #ifndef DF_TESTS_FAMILIES_H
 #define DF_TESTS_FAMILIES_H
@@ -21,6 +21,7 @@ extern const char *const lab_family_names[LAB_FAMILY_COUNT + 1]; /* ended by NUL
 #define LAB_SEED 20261122u
 
 /* Returns false where the field has no such ray: no surface, no inside. */
-bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uint64_t index, double origin[3], double direction[3]);
+bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uint64_t index, double origin[3],
+                    double direction[3]);
 
 #endif

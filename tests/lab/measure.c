@@ -56,7 +56,8 @@ void lab_score_merge(lab_score *into, const lab_score *from) {
     into->wrong_face += from->wrong_face;
     lab_histogram_merge(&into->depth, &from->depth);
     lab_histogram_merge(&into->residual, &from->residual);
-    for (uint32_t i = 0; i < from->failure_count; i++) keep_failure(into, from->failures[i].ray, from->failures[i].kind);
+    for (uint32_t i = 0; i < from->failure_count; i++)
+        keep_failure(into, from->failures[i].ray, from->failures[i].kind);
 }
 
 uint64_t lab_score_errors(const lab_score *score) {
@@ -139,7 +140,9 @@ static void judge(const lab_run *run, const chunk *c, uint32_t i, lab_score *sco
         const double off = fabs((double)((df_quad)t - truth.t)) * sqrt(length);
         score->true_positive++;
         lab_histogram_add(&score->depth, off);
-        if (!run->surface && !run->mesh) lab_histogram_add(&score->residual, df_truth_residual(run->scene->field, run->scene->iso, origin, direction, t));
+        if (!run->surface && !run->mesh)
+            lab_histogram_add(&score->residual,
+                              df_truth_residual(run->scene->field, run->scene->iso, origin, direction, t));
         if (!(off <= LAB_LEAK_VOXELS)) {
             score->leaks++;
             keep_failure(score, c->number[i], LAB_LEAK);
@@ -154,7 +157,12 @@ typedef void chunk_visit(const lab_run *run, const chunk *c, void *result);
 
 /* Traces all rays of a run; `visit` takes each chunk into its thread's own result, results[thread]. */
 static df_status for_each_chunk(const lab_run *run, chunk_visit *visit, void **results, df_error *err) {
-    const df_trace_options options = {.solve = run->solve, .steps = run->steps, .threads = (uint32_t)omp_get_max_threads(), .tile_width = CHUNK_RAYS, .tile_height = 1, .kernels = &df_kernels_scalar};
+    const df_trace_options options = {.solve = run->solve,
+                                      .steps = run->steps,
+                                      .threads = (uint32_t)omp_get_max_threads(),
+                                      .tile_width = CHUNK_RAYS,
+                                      .tile_height = 1,
+                                      .kernels = &df_kernels_scalar};
     const uint64_t chunk_count = (run->count + CHUNK_RAYS - 1) / CHUNK_RAYS;
     void *state;
     df_status status = run->tracer->prepare(run->scene, &options, &state, err);
@@ -216,7 +224,8 @@ static void count_chunk(const lab_run *run, const chunk *c, void *result) {
     }
 }
 
-df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escaped, uint64_t *first_escape, df_error *err) {
+df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escaped, uint64_t *first_escape,
+                            df_error *err) {
     const int threads = omp_get_max_threads();
     escapes *sums = calloc((size_t)threads, sizeof *sums);
     void **results = calloc((size_t)threads, sizeof *results);
@@ -243,8 +252,8 @@ void lab_print_failures(const lab_run *run, const lab_score *score) {
     for (uint32_t i = 0; i < score->failure_count; i++) {
         double o[3], d[3];
         lab_family_ray(run->scene->field, run->family, run->seed, score->failures[i].ray, o, d);
-        printf("%s: %s, solve %s, family %s, ray %" PRIu64 ": from %.17g %.17g %.17g along %.17g %.17g %.17g\n", run->tracer->name,
-               names[score->failures[i].kind], df_solve_names[run->solve], lab_family_names[run->family], score->failures[i].ray,
-               o[0], o[1], o[2], d[0], d[1], d[2]);
+        printf("%s: %s, solve %s, family %s, ray %" PRIu64 ": from %.17g %.17g %.17g along %.17g %.17g %.17g\n",
+               run->tracer->name, names[score->failures[i].kind], df_solve_names[run->solve],
+               lab_family_names[run->family], score->failures[i].ray, o[0], o[1], o[2], d[0], d[1], d[2]);
     }
 }

@@ -1,8 +1,8 @@
 /*
  * A tracer measured against a truth over a family of rays.
  *
- * A truth takes the ray as the tracer has it: its rounded origin and direction. Tangent rays (truth.h) are counted and not judged. All
- * counts and statistics are the same on any number of threads.
+ * A truth takes the ray as the tracer has it: its rounded origin and direction. Tangent rays (truth.h) are counted and
+ * not judged. All counts and statistics are the same on any number of threads.
  */
 #ifndef DF_TESTS_MEASURE_H
 #define DF_TESTS_MEASURE_H
@@ -31,8 +31,8 @@ typedef struct lab_score {
     uint64_t rays;    /* that were traced; those that a family could not make are left out */
     uint64_t tangent; /* of them, not judged */
     uint64_t true_positive, false_positive, false_negative, true_negative;
-    uint64_t leaks;      /* hits more than half a voxel off; they count as true positives as well */
-    uint64_t wrong_face; /* back instead of front or the reverse */
+    uint64_t leaks;         /* hits more than half a voxel off; they count as true positives as well */
+    uint64_t wrong_face;    /* back instead of front or the reverse */
     lab_histogram depth;    /* |t - truth| of true positives, voxels */
     lab_histogram residual; /* distance of the hit from the surface, voxels: truth 1 only */
     uint32_t failure_count; /* kept below: those of the smallest ray numbers */
@@ -49,8 +49,8 @@ typedef struct lab_run {
     const lab_surface *surface; /* NULL: against the trilinear field */
     lab_family family;
     uint64_t seed, first, count; /* rays first .. first + count - 1 of the family */
-    df_truth *truths;  /* NULL, or room for the truths of count rays: filled by the first run, used by those after it, which must
-                          differ in solve and steps only */
+    df_truth *truths; /* NULL, or room for the truths of count rays: filled by the first run, used by those after it,
+                         which must differ in solve and steps only */
     bool truths_known;
     const lab_mesh *mesh; /* against this instead; NULL: not */
 } lab_run;
@@ -58,8 +58,10 @@ typedef struct lab_run {
 /* Adds to *score, which starts zeroed. */
 df_status lab_measure(const lab_run *run, lab_score *score, df_error *err);
 
-/* Rays of a family that do not hit, for families where each must: INSIDE of a closed field. No truth is asked, so this is fast. */
-df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escapes, uint64_t *first_escape, df_error *err);
+/* Rays of a family that do not hit, for families where each must: INSIDE of a closed field. No truth is asked, so this
+ * is fast. */
+df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escapes, uint64_t *first_escape,
+                            df_error *err);
 
 void lab_score_merge(lab_score *into, const lab_score *from);
 /* False positives, false negatives, leaks and wrong faces. */

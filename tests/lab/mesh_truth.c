@@ -78,7 +78,8 @@ static void build(lab_mesh *mesh, uint32_t first, uint32_t count) {
     build(mesh, first + left, count - left);
 }
 
-df_status lab_mesh_make(const double *positions, uint32_t vertex_count, const uint32_t *triangles, uint32_t triangle_count, lab_mesh **out, df_error *err) {
+df_status lab_mesh_make(const double *positions, uint32_t vertex_count, const uint32_t *triangles,
+                        uint32_t triangle_count, lab_mesh **out, df_error *err) {
     lab_mesh *mesh = *out = calloc(1, sizeof *mesh);
     if (!mesh || triangle_count == 0) return df_fail(err, DF_ERROR_INPUT, "no mesh");
     mesh->vertex_count = vertex_count;
@@ -138,7 +139,8 @@ df_status lab_mesh_read(const char *path, const df_field *field, lab_mesh **out,
                 if (corner >= vertex_count) break;
                 if (seen >= 2) {
                     if (!(triangles = grow(triangles, sizeof *triangles, triangle_count, &triangle_capacity))) break;
-                    memcpy(triangles + 3 * (size_t)triangle_count++, (uint32_t[]){corners[0], corners[1], corner}, 3 * sizeof corner);
+                    memcpy(triangles + 3 * (size_t)triangle_count++, (uint32_t[]){corners[0], corners[1], corner},
+                           3 * sizeof corner);
                     corners[1] = corner;
                 } else {
                     corners[seen] = corner;
@@ -148,8 +150,9 @@ df_status lab_mesh_read(const char *path, const df_field *field, lab_mesh **out,
         }
     }
     fclose(file);
-    df_status status = positions && triangles ? lab_mesh_make(positions, vertex_count, triangles, triangle_count, out, err)
-                                              : df_fail(err, DF_ERROR_FORMAT, "%s: no triangles", path);
+    df_status status = positions && triangles
+                           ? lab_mesh_make(positions, vertex_count, triangles, triangle_count, out, err)
+                           : df_fail(err, DF_ERROR_FORMAT, "%s: no triangles", path);
     free(positions);
     free(triangles);
     return status;
@@ -193,7 +196,8 @@ static void try_triangle(const lab_mesh *mesh, uint32_t triangle, const turned *
         p[c][1] = (v[r->k[1]] - r->origin[r->k[1]]) - r->shear[1] * z;
         p[c][2] = r->shear[2] * z;
     }
-    const double u = p[2][0] * p[1][1] - p[2][1] * p[1][0], v = p[0][0] * p[2][1] - p[0][1] * p[2][0], w = p[1][0] * p[0][1] - p[1][1] * p[0][0];
+    const double u = p[2][0] * p[1][1] - p[2][1] * p[1][0], v = p[0][0] * p[2][1] - p[0][1] * p[2][0],
+                 w = p[1][0] * p[0][1] - p[1][1] * p[0][0];
     if ((u < 0 || v < 0 || w < 0) && (u > 0 || v > 0 || w > 0)) return;
     const double sum = u + v + w;
     if (sum == 0) return;
@@ -207,7 +211,8 @@ static void try_triangle(const lab_mesh *mesh, uint32_t triangle, const turned *
 static bool meets(const node *n, const turned *r, double t_max) {
     double t_in = 0, t_out = t_max;
     for (int a = 0; a < 3; a++) {
-        const double low = (n->low[a] - r->origin[a]) * r->inverse[a], high = (n->high[a] - r->origin[a]) * r->inverse[a];
+        const double low = (n->low[a] - r->origin[a]) * r->inverse[a],
+                     high = (n->high[a] - r->origin[a]) * r->inverse[a];
         t_in = fmax(t_in, fmin(low, high)); /* fmax and fmin leave a NaN, of a plane that the ray lies in, aside */
         t_out = fmin(t_out, fmax(low, high));
     }

@@ -27,7 +27,8 @@ static bool is_mixed(const lab_surface *surface, const place *cell) {
 static void sample_family(const lab_surface *surface, const place *cell, float samples[27]) {
     const double half = cell->side / 2.0;
     for (uint32_t s = 0; s < 27; s++) {
-        const double p[3] = {cell->corner[0] + half * (s % 3), cell->corner[1] + half * (s / 3 % 3), cell->corner[2] + half * (s / 9)};
+        const double p[3] = {cell->corner[0] + half * (s % 3), cell->corner[1] + half * (s / 3 % 3),
+                             cell->corner[2] + half * (s / 9)};
         samples[s] = (float)surface->value(p, surface) + 0.0f;
     }
 }
@@ -41,7 +42,8 @@ static uint32_t leaf_state(const float samples[27], uint32_t child) {
     return inside == 0 ? DF_CHILD_OUTSIDE : inside == 8 ? DF_CHILD_INSIDE : DF_CHILD_SURFACE;
 }
 
-df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, double keep, uint64_t seed, df_field *field, df_error *err) {
+df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, double keep, uint64_t seed, df_field *field,
+                          df_error *err) {
     df_family *families;
     float *samples;
     place *places;
@@ -64,7 +66,9 @@ df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, doub
         const uint32_t half = places[f].side / 2;
         sample_family(surface, &places[f], samples + 27 * (size_t)f);
         for (uint32_t c = 0; c < 8; c++) {
-            const place child = {{places[f].corner[0] + half * (c & 1), places[f].corner[1] + half * (c >> 1 & 1), places[f].corner[2] + half * (c >> 2)}, half};
+            const place child = {{places[f].corner[0] + half * (c & 1), places[f].corner[1] + half * (c >> 1 & 1),
+                                  places[f].corner[2] + half * (c >> 2)},
+                                 half};
             uint32_t state = leaf_state(samples + 27 * (size_t)f, c);
             if (half > 1 && is_mixed(surface, &child) && (half > 8 || lab_random(&seed, 0, 1) >= keep)) {
                 if (count == FAMILY_MAX) return df_fail(err, DF_ERROR_MEMORY, "more than %d families", FAMILY_MAX);

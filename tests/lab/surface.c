@@ -4,13 +4,13 @@
 #include <assert.h>
 #include <math.h>
 
-const char *const lab_shape_names[LAB_SHAPE_COUNT + 1] = {"sphere", "torus", "box", "rotated-box", "gyroid", "shell", "noise", "pairs", NULL};
+const char *const lab_shape_names[LAB_SHAPE_COUNT + 1] = {"sphere", "torus", "box",   "rotated-box", "gyroid",
+                                                          "shell",  "noise", "pairs", NULL};
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
+static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* A point relative to the middle of the shape: a little off the middle of the field, so that nothing lies on the grid by chance. */
+/* A point relative to the middle of the shape: a little off the middle of the field, so that nothing lies on the grid
+ * by chance. */
 static void centred(const lab_surface *s, const double p[3], double q[3]) {
     q[0] = p[0] - s->size / 2 - 0.137;
     q[1] = p[1] - s->size / 2 + 0.211;
@@ -50,7 +50,8 @@ static double box(const double p[3], const void *surface) {
 
 static double rotated_box(const double p[3], const void *surface) {
     /* an orthonormal frame with no simple component */
-    static const double frame[3][3] = {{2.0 / 3, 2.0 / 3, 1.0 / 3}, {-2.0 / 3, 1.0 / 3, 2.0 / 3}, {1.0 / 3, -2.0 / 3, 2.0 / 3}};
+    static const double frame[3][3] = {
+        {2.0 / 3, 2.0 / 3, 1.0 / 3}, {-2.0 / 3, 1.0 / 3, 2.0 / 3}, {1.0 / 3, -2.0 / 3, 2.0 / 3}};
     const lab_surface *s = surface;
     double q[3], r[3];
     centred(s, p, q);
@@ -121,7 +122,11 @@ lab_surface lab_surface_make(lab_shape shape, double size, double parameter) {
         [LAB_NOISE] = {"smooth noise in a sphere", noise, 0, 6},
         [LAB_PAIRS] = {"random samples: pairs of crossings everywhere", pairs, 0, 0},
     };
-    return (lab_surface){lab_shape_names[shape], shapes[shape].summary, shapes[shape].value, shapes[shape].lipschitz, size,
+    return (lab_surface){lab_shape_names[shape],
+                         shapes[shape].summary,
+                         shapes[shape].value,
+                         shapes[shape].lipschitz,
+                         size,
                          parameter > 0 ? parameter : shapes[shape].parameter};
 }
 
@@ -130,7 +135,8 @@ static double value_at(const lab_surface *s, const double origin[3], const doubl
     return s->value(p, s);
 }
 
-static double bisect(const lab_surface *s, const double origin[3], const double direction[3], double low, double high, bool inside) {
+static double bisect(const lab_surface *s, const double origin[3], const double direction[3], double low, double high,
+                     bool inside) {
     for (;;) {
         double middle = low + (high - low) / 2;
         if (middle <= low || middle >= high) return high;
@@ -139,7 +145,8 @@ static double bisect(const lab_surface *s, const double origin[3], const double 
     }
 }
 
-static bool clip(const double box_size[3], const double origin[3], const double direction[3], double *t_in, double *t_out) {
+static bool clip(const double box_size[3], const double origin[3], const double direction[3], double *t_in,
+                 double *t_out) {
     *t_in = 0;
     *t_out = INFINITY;
     for (int a = 0; a < 3; a++) {
@@ -154,8 +161,8 @@ static bool clip(const double box_size[3], const double origin[3], const double 
     return *t_in < *t_out;
 }
 
-void lab_surface_trace(const lab_surface *surface, const double box_size[3], const double origin[3], const double direction[3],
-                       df_truth *out) {
+void lab_surface_trace(const lab_surface *surface, const double box_size[3], const double origin[3],
+                       const double direction[3], df_truth *out) {
     const double band = 1e-6, length = length3(direction);
     double t, t_out, near_since = -1;
     assert(surface->lipschitz > 0);
@@ -165,7 +172,8 @@ void lab_surface_trace(const lab_surface *surface, const double box_size[3], con
     for (double before = t;;) {
         double distance = fabs(value_at(surface, origin, direction, t)) / surface->lipschitz;
         if (t > before && (value_at(surface, origin, direction, t) < 0) != inside) {
-            *out = (df_truth){.hit = true, .back = inside, .t = bisect(surface, origin, direction, before, t, inside), .band = band};
+            *out = (df_truth){
+                .hit = true, .back = inside, .t = bisect(surface, origin, direction, before, t, inside), .band = band};
             return;
         }
         if (distance >= band) out->tangent |= near_since >= 0;

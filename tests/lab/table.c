@@ -21,26 +21,29 @@ static df_status add_key(lab_table *table, char *key, df_error *err) {
 }
 
 /* Reads the rows that are there; *end is where the next one belongs. */
-static df_status read_rows(lab_table *table, const char *path, const char *version, const char *columns, size_t key_columns, long *end,
-                           df_error *err) {
+static df_status read_rows(lab_table *table, const char *path, const char *version, const char *columns,
+                           size_t key_columns, long *end, df_error *err) {
     char *line = NULL;
     size_t size = 0;
     ssize_t length;
     df_status status = DF_OK;
     *end = 0;
-    for (size_t row = 0; status == DF_OK && (length = getline(&line, &size, table->file)) > 0 && line[length - 1] == '\n'; row++) {
+    for (size_t row = 0;
+         status == DF_OK && (length = getline(&line, &size, table->file)) > 0 && line[length - 1] == '\n'; row++) {
         line[length - 1] = 0;
         *end += (long)length;
         char *rest = strchr(line, ',');
         if (rest) *rest++ = 0;
         if (row == 0) {
             if (!rest || strcmp(line, "version") != 0 || strcmp(rest, columns) != 0) {
-                status = df_fail(err, DF_ERROR_FORMAT, "%s: its columns are not those of this version (%s)", path, version);
+                status =
+                    df_fail(err, DF_ERROR_FORMAT, "%s: its columns are not those of this version (%s)", path, version);
             }
             continue;
         }
         if (!rest || strcmp(line, version) != 0) {
-            status = df_fail(err, DF_ERROR_FORMAT, "%s: row %zu is of version %s, this is %s", path, row, line, version);
+            status =
+                df_fail(err, DF_ERROR_FORMAT, "%s: row %zu is of version %s, this is %s", path, row, line, version);
             continue;
         }
         char *at = rest;
@@ -52,7 +55,8 @@ static df_status read_rows(lab_table *table, const char *path, const char *versi
     return status;
 }
 
-df_status lab_table_open(const char *path, const char *version, const char *columns, size_t key_columns, lab_table *table, df_error *err) {
+df_status lab_table_open(const char *path, const char *version, const char *columns, size_t key_columns,
+                         lab_table *table, df_error *err) {
     long end;
     memset(table, 0, sizeof *table);
     table->file = fopen(path, "a+");

@@ -1,8 +1,8 @@
 /*
  * A CSV that can be continued: rows that are there already are not measured again.
  *
- * The first column of each row is the version that wrote it; a file of another version, or with other columns, is refused. A row is known by its
- * key: what its columns before the first result say.
+ * The first column of each row is the version that wrote it; a file of another version, or with other columns, is
+ * refused. A row is known by its key: what its columns before the first result say.
  */
 #ifndef DF_TESTS_TABLE_H
 #define DF_TESTS_TABLE_H
@@ -18,9 +18,10 @@ typedef struct lab_table {
     size_t key_count, key_capacity;
 } lab_table;
 
-/* Opens or creates. `columns` is the header without "version,"; `version` must not contain commas. A last line without an end, of a run that
- * was interrupted, is dropped. */
-df_status lab_table_open(const char *path, const char *version, const char *columns, size_t key_columns, lab_table *table, df_error *err);
+/* Opens or creates. `columns` is the header without "version,"; `version` must not contain commas. A last line without
+ * an end, of a run that was interrupted, is dropped. */
+df_status lab_table_open(const char *path, const char *version, const char *columns, size_t key_columns,
+                         lab_table *table, df_error *err);
 void lab_table_close(lab_table *table);
 
 /* True when a row with this key, its columns joined by commas without the version, is there. */

@@ -6,13 +6,9 @@
 
 typedef df_quad quad;
 
-static quad quad_abs(quad a) {
-    return a < 0 ? -a : a;
-}
+static quad quad_abs(quad a) { return a < 0 ? -a : a; }
 
-static quad quad_max(quad a, quad b) {
-    return a > b ? a : b;
-}
+static quad quad_max(quad a, quad b) { return a > b ? a : b; }
 
 /* long double has the exponents of quad and 64 bits of it; each Newton step doubles that. */
 static quad quad_sqrt(quad a) {
@@ -30,11 +26,11 @@ static int64_t quad_floor(quad a) {
 /* The cubic along one piece of the ray, over s in [0,1], and the gradient as a function of s. */
 typedef struct piece {
     quad t0, t1;
-    quad c[4];         /* c[0] + c[1] s + c[2] s^2 + c[3] s^3 */
-    quad k[8];         /* the trilinear field in powers: corner order, k[7] is of xyz */
-    quad a[3], e[3];   /* local entry, and exit - entry */
-    quad side;         /* of the cell, voxels */
-    quad zero;         /* values up to this are rounding: exactly iso */
+    quad c[4];       /* c[0] + c[1] s + c[2] s^2 + c[3] s^3 */
+    quad k[8];       /* the trilinear field in powers: corner order, k[7] is of xyz */
+    quad a[3], e[3]; /* local entry, and exit - entry */
+    quad side;       /* of the cell, voxels */
+    quad zero;       /* values up to this are rounding: exactly iso */
 } piece;
 
 /* What is known of a ray so far: see visit. */
@@ -46,14 +42,12 @@ typedef struct search {
     bool started, inside, found;
     quad t;
     /* the answer that stands up to the band */
-    int certain; /* +1 or -1: the last side that is beyond doubt; 0: none yet */
+    int certain;             /* +1 or -1: the last side that is beyond doubt; 0: none yet */
     bool run, done, tangent; /* run: in the band since run_low */
     quad run_low, run_high;
 } search;
 
-static quad cubic(const piece *p, quad s) {
-    return ((p->c[3] * s + p->c[2]) * s + p->c[1]) * s + p->c[0];
-}
+static quad cubic(const piece *p, quad s) { return ((p->c[3] * s + p->c[2]) * s + p->c[1]) * s + p->c[0]; }
 
 static quad gradient_length(const piece *p, quad s) {
     quad x = p->a[0] + s * p->e[0], y = p->a[1] + s * p->e[1], z = p->a[2] + s * p->e[2];
@@ -75,15 +69,16 @@ static quad monotone_root(const piece *p, quad low, quad high) {
         else high = s;
         quad next = s - f / slope; /* not finite where the slope is 0: the comparison refuses it */
         quad middle = (low + high) / 2;
-        if (!(next > low && next < high) || i % 4 == 3) next = middle; /* a bisection now and then bounds the number of steps */
+        if (!(next > low && next < high) || i % 4 == 3)
+            next = middle; /* a bisection now and then bounds the number of steps */
         if (next == s || middle == low || middle == high) return s;
         s = next;
     }
     return s;
 }
 
-/* Takes the next point of a ray at which the field may turn around: its value and the width of the band there. `from`: the
- * last such point in the same piece, negative when there is none (a piece begins). */
+/* Takes the next point of a ray at which the field may turn around: its value and the width of the band there. `from`:
+ * the last such point in the same piece, negative when there is none (a piece begins). */
 static void visit(search *r, const piece *p, quad from, quad s, quad f, quad width) {
     const quad t = p->t0 + s * (p->t1 - p->t0);
     const bool inside = f < -p->zero;
@@ -102,7 +97,8 @@ static void visit(search *r, const piece *p, quad from, quad s, quad f, quad wid
         r->tangent |= r->certain == 0;
         return;
     }
-    if (r->run && (side == r->certain || (r->run_high - r->run_low) * r->length > (quad)DF_TRUTH_RUN_MAX)) r->tangent = true;
+    if (r->run && (side == r->certain || (r->run_high - r->run_low) * r->length > (quad)DF_TRUTH_RUN_MAX))
+        r->tangent = true;
     r->run = false;
     r->done = r->found;
     r->certain = side;
@@ -126,7 +122,8 @@ static void visit_cubic(search *r, const piece *p) {
         }
     }
     stops[count++] = 1;
-    /* Where neighbours differ (ADF), a piece shorter than the band is one that another ray, as good as this one, does not meet. */
+    /* Where neighbours differ (ADF), a piece shorter than the band is one that another ray, as good as this one, does
+     * not meet. */
     const bool doubtful = r->jumps && (p->t1 - p->t0) * r->length < r->band;
     for (int i = 0; i < count && !r->done; i++) {
         quad width = doubtful ? (quad)INFINITY : r->band * gradient_length(p, stops[i]);
@@ -146,8 +143,8 @@ static void make_piece(piece *p, const quad f[8]) {
     k[5] = f[5] - f[4] - k[1];
     k[6] = f[6] - f[4] - k[2];
     k[7] = (f[7] - f[6]) - (f[5] - f[4]) - k[3];
-    p->c[0] = k[0] + k[1] * a[0] + k[2] * a[1] + k[4] * a[2] + k[3] * a[0] * a[1] + k[5] * a[0] * a[2] + k[6] * a[1] * a[2] +
-              k[7] * a[0] * a[1] * a[2];
+    p->c[0] = k[0] + k[1] * a[0] + k[2] * a[1] + k[4] * a[2] + k[3] * a[0] * a[1] + k[5] * a[0] * a[2] +
+              k[6] * a[1] * a[2] + k[7] * a[0] * a[1] * a[2];
     p->c[1] = e[0] * (k[1] + k[3] * a[1] + k[5] * a[2] + k[7] * a[1] * a[2]) +
               e[1] * (k[2] + k[3] * a[0] + k[6] * a[2] + k[7] * a[0] * a[2]) +
               e[2] * (k[4] + k[5] * a[0] + k[6] * a[1] + k[7] * a[0] * a[1]);
@@ -156,10 +153,10 @@ static void make_piece(piece *p, const quad f[8]) {
     p->c[3] = k[7] * e[0] * e[1] * e[2];
 }
 
-/* The cell of a voxel: a voxel itself or the leaf around it. Returns +1 or -1 when no corner is near iso: nothing can happen in
- * the cell. */
-static int find_cell(const df_field *field, float iso, const int64_t voxel[3], double band, quad corner[8], double lower[3],
-                     double *side) {
+/* The cell of a voxel: a voxel itself or the leaf around it. Returns +1 or -1 when no corner is near iso: nothing can
+ * happen in the cell. */
+static int find_cell(const df_field *field, float iso, const int64_t voxel[3], double band, quad corner[8],
+                     double lower[3], double *side) {
     float values[8];
     *side = 1;
     for (int a = 0; a < 3; a++) lower[a] = (double)voxel[a];
@@ -264,7 +261,8 @@ static void trace(search *r, walk *w, const df_field *field, float iso, quad t) 
     }
 }
 
-void df_truth_trace(const df_field *field, float iso, const double origin[3], const double direction[3], df_truth *out) {
+void df_truth_trace(const df_field *field, float iso, const double origin[3], const double direction[3],
+                    df_truth *out) {
     walk w;
     search r = {.jumps = field->kind == DF_FIELD_ADF};
     quad t_start;
@@ -291,8 +289,12 @@ void df_truth_trace(const df_field *field, float iso, const double origin[3], co
 }
 
 static void voxel_field(const float corners[8], df_field *field) {
-    *field = (df_field){.kind = DF_FIELD_DENSE, .sample_type = DF_SAMPLE_F32, .voxel_count = {1, 1, 1}, .voxel_size = {1, 1, 1},
-                        .samples = corners, .sample_count = 8};
+    *field = (df_field){.kind = DF_FIELD_DENSE,
+                        .sample_type = DF_SAMPLE_F32,
+                        .voxel_count = {1, 1, 1},
+                        .voxel_size = {1, 1, 1},
+                        .samples = corners,
+                        .sample_count = 8};
 }
 
 void df_truth_trace_voxel(const float corners[8], const double origin[3], const double direction[3], df_truth *out) {
@@ -301,7 +303,8 @@ void df_truth_trace_voxel(const float corners[8], const double origin[3], const 
     df_truth_trace(&field, 0, origin, direction, out);
 }
 
-double df_truth_residual(const df_field *field, float iso, const double origin[3], const double direction[3], double t) {
+double df_truth_residual(const df_field *field, float iso, const double origin[3], const double direction[3],
+                         double t) {
     int64_t voxel[3];
     quad corner[8];
     double lower[3], side;

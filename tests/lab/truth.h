@@ -1,17 +1,18 @@
 /*
  * The truth about a ray in a field: its first crossing of the piecewise trilinear surface, in quad precision.
  *
- * The field along a ray is a cubic in every voxel (ADF: leaf). Each cubic is split at the roots of its derivative, so that every
- * part is monotone; a part whose ends lie on different sides holds exactly one crossing, which bisection and Newton find to the last bits.
- * Slow, clear, and without a tolerance that a fast tracer could share. Checked against MPFR in test_truth.c.
+ * The field along a ray is a cubic in every voxel (ADF: leaf). Each cubic is split at the roots of its derivative, so
+ * that every part is monotone; a part whose ends lie on different sides holds exactly one crossing, which bisection and
+ * Newton find to the last bits. Slow, clear, and without a tolerance that a fast tracer could share. Checked against
+ * MPFR in test_truth.c.
  *
- * Conventions (those of the renderer): inside means f < iso. From outside, a touch and a plateau at iso are misses. A ray
- * that starts inside hits where it leaves, flagged as a back face. Where two cells differ on their common face (ADF levels), a jump
- * to the other side is a hit on the face. A ray ends where it leaves the field's box.
+ * Conventions (those of the renderer): inside means f < iso. From outside, a touch and a plateau at iso are misses. A
+ * ray that starts inside hits where it leaves, flagged as a back face. Where two cells differ on their common face (ADF
+ * levels), a jump to the other side is a hit on the face. A ray ends where it leaves the field's box.
  *
- * Ill-posed rays are told apart, not judged: `tangent` is set when moving the surface by the tangent band of the renderer (1e-6 voxel +
- * 2 float ulp of the walk's largest coordinate) could turn a hit into a miss or move it far away: the ray starts or ends
- * in the band, turns around in it, or runs along it for more than DF_TRUTH_RUN_MAX voxels.
+ * Ill-posed rays are told apart, not judged: `tangent` is set when moving the surface by the tangent band of the
+ * renderer (1e-6 voxel + 2 float ulp of the walk's largest coordinate) could turn a hit into a miss or move it far
+ * away: the ray starts or ends in the band, turns around in it, or runs along it for more than DF_TRUTH_RUN_MAX voxels.
  */
 #ifndef DF_TESTS_TRUTH_H
 #define DF_TESTS_TRUTH_H
