@@ -1,15 +1,6 @@
 /* The 3DDDA in SIMD packets and the coherent grid traversal: kernel_packet.c and kernel_cgt.c over tiles. */
-#include "common/memory.h"
-#include "render/cpu/kernels.h"
+#include "render/cpu/walk.h"
 #include "render/methods/solve_methods.h"
-
-#include <stdlib.h>
-
-typedef struct packet_state {
-    const df_scene *scene;
-    df_trace_options options;
-    df_candidate **candidates; /* by thread, one a ray of a tile */
-} packet_state;
 
 /* The gathers of packets take signed 32-bit indices. */
 static bool indices_fit(const df_scene *scene) {
@@ -26,40 +17,22 @@ static bool packet_suits(const df_scene *scene, const df_view *view) {
     return indices_fit(scene);
 }
 
-static void packet_release(void *opaque) {
-    packet_state *state = opaque;
-    if (!state) return;
-    for (uint32_t i = 0; state->candidates && i < state->options.threads; i++) free(state->candidates[i]);
-    free(state->candidates);
-    free(state);
-}
-
 static df_status packet_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
-    packet_state *state;
     *out = NULL;
+    if (scene->levels == 0)
+        return df_fail(err, DF_ERROR_USAGE, "--tracer dda-packet does not walk octrees: choose adf");
     if (!indices_fit(scene))
         return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer dda-packet: the field is too large for it; choose dda");
-    df_status status = df_alloc((void **)&state, 1, sizeof *state, "tracer", err);
-    if (status != DF_OK) return status;
-    state->scene = scene;
-    state->options = *options;
-    status = df_alloc((void **)&state->candidates, options->threads, sizeof *state->candidates, "tracer", err);
-    for (uint32_t i = 0; i < options->threads && status == DF_OK; i++) {
-        status = df_alloc_raw((void **)&state->candidates[i], (uint64_t)options->tile_width * options->tile_height,
-                              sizeof **state->candidates, "candidates", err);
-    }
-    if (status != DF_OK) packet_release(state);
-    else *out = state;
-    return status;
+    return df_walk_prepare(scene, options, out, err);
 }
 
 static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
                               df_error *err) {
     (void)err;
-    const packet_state *state = opaque;
-    const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve), 0, false};
-    const uint32_t count = state->options.kernels->packet(&job, state->candidates[thread], counters);
-    state->options.kernels->solve(state->scene, &state->options, &tile->rays, state->candidates[thread], count, hits);
+    const df_walk *walk = opaque;
+    const df_packet_job job = {walk->scene, tile, DF_SOLVE_ISOLATES(walk->options.solve), 0, false};
+    const uint32_t count = walk->options.kernels->packet(&job, walk->candidates[thread], counters);
+    df_walk_solve(walk, thread, tile, count, hits);
     return DF_OK;
 }
 
@@ -67,13 +40,13 @@ const df_tracer df_tracer_packet = {
     .name = "dda-packet",
     .summary = "3DDDA over SIMD lanes",
     .prepare = packet_prepare,
-    .release = packet_release,
+    .release = df_walk_release,
     .suits = packet_suits,
     .trace = packet_trace,
 };
 
 static bool cgt_suits(const df_scene *scene, const df_view *view) {
-    return scene->levels == 2 && view && !view->rebase;
+    return scene->levels == 2 && indices_fit(scene) && view && !view->rebase;
 }
 
 static df_status cgt_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
@@ -85,11 +58,11 @@ static df_status cgt_prepare(const df_scene *scene, const df_trace_options *opti
 static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
                            df_error *err) {
     (void)err;
-    const packet_state *state = opaque;
-    const df_packet_job job = {state->scene, tile, DF_SOLVE_ISOLATES(state->options.solve),
-                               state->options.packet ? state->options.packet : 8, !state->options.no_clip};
-    const uint32_t count = state->options.kernels->cgt(&job, state->candidates[thread], counters);
-    state->options.kernels->solve(state->scene, &state->options, &tile->rays, state->candidates[thread], count, hits);
+    const df_walk *walk = opaque;
+    const df_packet_job job = {walk->scene, tile, DF_SOLVE_ISOLATES(walk->options.solve),
+                               walk->options.packet ? walk->options.packet : 8, !walk->options.no_clip};
+    const uint32_t count = walk->options.kernels->cgt(&job, walk->candidates[thread], counters);
+    df_walk_solve(walk, thread, tile, count, hits);
     return DF_OK;
 }
 
@@ -97,7 +70,7 @@ const df_tracer df_tracer_cgt = {
     .name = "cgt",
     .summary = "coherent grid traversal: squares of rays slice by slice; for pictures",
     .prepare = cgt_prepare,
-    .release = packet_release,
+    .release = df_walk_release,
     .suits = cgt_suits,
     .trace = cgt_trace,
 };

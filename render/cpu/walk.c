@@ -1,0 +1,33 @@
+#include "render/cpu/walk.h"
+#include "common/memory.h"
+
+#include <stdlib.h>
+
+void df_walk_release(void *opaque) {
+    df_walk *walk = opaque;
+    if (!walk) return;
+    for (uint32_t i = 0; walk->candidates && i < walk->options.threads; i++) free(walk->candidates[i]);
+    free(walk->candidates);
+    free(walk);
+}
+
+df_status df_walk_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
+    df_walk *walk;
+    *out = NULL;
+    df_status status = df_alloc((void **)&walk, 1, sizeof *walk, "tracer", err);
+    if (status != DF_OK) return status;
+    walk->scene = scene;
+    walk->options = *options;
+    status = df_alloc((void **)&walk->candidates, options->threads, sizeof *walk->candidates, "tracer", err);
+    for (uint32_t i = 0; i < options->threads && status == DF_OK; i++) {
+        status = df_alloc_raw((void **)&walk->candidates[i], (uint64_t)options->tile_width * options->tile_height + 1,
+                              sizeof **walk->candidates, "candidates", err);
+    }
+    if (status != DF_OK) df_walk_release(walk);
+    else *out = walk;
+    return status;
+}
+
+void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits) {
+    walk->options.kernels->solve(walk->scene, &walk->options, &tile->rays, walk->candidates[thread], count, hits);
+}
