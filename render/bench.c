@@ -103,6 +103,7 @@ static const char *const columns[] = {
     "structure",
     "samples",
     "tracer",
+    "bounds",
     "intersect",
     "gradient",
     "isa",

@@ -99,6 +99,9 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     if (d->scene->levels && d->options.tracer_given && d->frame.tracer != &df_tracer_dda && d->part_count == 1) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda", d->frame.tracer->name);
     }
+    if (d->frame.walk.bounds)
+        return df_fail(err, DF_ERROR_USAGE, "--bounds %s is the CPU's: OpenCL devices walk whole rays",
+                       df_bounds_names[d->frame.walk.bounds]);
     df_status status =
         df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
     if (status != DF_OK) return status;

@@ -118,6 +118,11 @@ static const struct argp_option option_table[] = {
     {"packet", KEY_SETTING + 14, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
     {"clip", KEY_SETTING + 15, "on|off", 0,
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
+    {"bounds", KEY_SETTING + 16, "NAME", 0,
+     "Narrow every ray beforehand to where surface is projected to its pixel: none (default), bricks (the surface's "
+     "part of each "
+     "brick), voxels (each surface voxel); for dda, dda-packet and cgt",
+     0},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},
     {"device", KEY_DEVICE, "NAME", 0,
@@ -401,10 +406,17 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (status != DF_OK) return status;
     s->settings_text = df_settings_text(settings, &s->camera);
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
-    const df_tracer *tracer = settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view);
+    const df_tracer *tracer =
+        settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view, &settings->walk);
     opts->devices.tracer_given = settings->tracer != NULL;
-    const df_frame_options frame = {tracer,        settings->solve, settings->steps,  settings->gradient, opts->tile,
-                                    opts->threads, opts->kernels,   settings->packet, settings->no_clip};
+    const df_frame_options frame = {.tracer = tracer,
+                                    .solve = settings->solve,
+                                    .steps = settings->steps,
+                                    .gradient = settings->gradient,
+                                    .tile = opts->tile,
+                                    .threads = opts->threads,
+                                    .kernels = opts->kernels,
+                                    .walk = settings->walk};
     status = alloc_picture(opts, &s->picture, err);
     if (status == DF_OK)
         status =

@@ -64,6 +64,10 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
                            df_renderer **out, df_error *err) {
     df_renderer *renderer;
     *out = NULL;
+    if (options->walk.bounds && !options->tracer->takes_bounds) {
+        return df_fail(err, DF_ERROR_USAGE, "--bounds %s: --tracer %s has no use for it: choose dda, dda-packet or cgt",
+                       df_bounds_names[options->walk.bounds], options->tracer->name);
+    }
     df_status status = df_alloc((void **)&renderer, 1, sizeof *renderer, "renderer", err);
     if (status != DF_OK) return status;
     bool whole = options->tracer->whole_frame;
@@ -75,9 +79,13 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     renderer->tile_height = whole || options->tile > height ? height : options->tile;
     df_shade_table(renderer->shade_table);
     uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
-    const df_trace_options trace = {renderer->options.kernels, options->solve,       options->steps,
-                                    options->threads,          renderer->tile_width, renderer->tile_height,
-                                    options->packet,           options->no_clip};
+    const df_trace_options trace = {.kernels = renderer->options.kernels,
+                                    .solve = options->solve,
+                                    .steps = options->steps,
+                                    .threads = options->threads,
+                                    .tile_width = renderer->tile_width,
+                                    .tile_height = renderer->tile_height,
+                                    .walk = options->walk};
     const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
     renderer->prepare_ms = df_now_ms() - start;

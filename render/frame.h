@@ -22,8 +22,7 @@ typedef struct df_frame_options {
     uint32_t tile;    /* edge of a tile in pixels */
     uint32_t threads;
     const df_kernels *kernels; /* NULL: scalar */
-    uint32_t packet;           /* of cgt, as in df_trace_options */
-    bool no_clip;
+    df_walk_options walk;
 } df_frame_options;
 
 /* Of one picture. Phases are summed over threads. */

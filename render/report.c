@@ -48,6 +48,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "structure", json_string(df_scene_structure_name(report->scene)));
     json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
     json_object_set_new(json, "tracer", json_string(report->tracer->name));
+    json_object_set_new(json, "bounds", json_string(df_bounds_names[settings->walk.bounds]));
     json_object_set_new(json, "intersect", json_string(df_solve_names[settings->solve]));
     json_object_set_new(json, "steps",
                         json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));

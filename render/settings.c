@@ -76,15 +76,20 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         return status;
     }
     if (strcmp(name, "packet") == 0) {
-        status = df_parse_u32("--packet", value, 1, DF_CGT_PACKET_MAX, &s->packet, err);
-        if (status == DF_OK && (s->packet & (s->packet - 1)))
+        status = df_parse_u32("--packet", value, 1, DF_CGT_PACKET_MAX, &s->walk.packet, err);
+        if (status == DF_OK && (s->walk.packet & (s->walk.packet - 1)))
             return df_fail(err, DF_ERROR_USAGE, "--packet %s: expected a power of two", value);
         return status;
     }
     if (strcmp(name, "clip") == 0) {
         static const char *const choices[] = {"on", "off", NULL};
         status = df_parse_name("--clip", value, choices, &number, err);
-        if (status == DF_OK) s->no_clip = number == 1;
+        if (status == DF_OK) s->walk.no_clip = number == 1;
+        return status;
+    }
+    if (strcmp(name, "bounds") == 0) {
+        status = df_parse_name("--bounds", value, df_bounds_names, &number, err);
+        if (status == DF_OK) s->walk.bounds = (int)number;
         return status;
     }
     if (strcmp(name, "tracer") == 0) return set_tracer(s, value, err);
@@ -146,8 +151,9 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
             s->tracer ? s->tracer->name : "auto", df_solve_names[s->solve], df_gradient_names[s->gradient]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
-    if (s->packet) fprintf(stream, "packet=%u\n", s->packet);
-    if (s->no_clip) fprintf(stream, "clip=off\n");
+    if (s->walk.packet) fprintf(stream, "packet=%u\n", s->walk.packet);
+    if (s->walk.bounds) fprintf(stream, "bounds=%s\n", df_bounds_names[s->walk.bounds]);
+    if (s->walk.no_clip) fprintf(stream, "clip=off\n");
     if (s->scene.coarse) fprintf(stream, "coarse=%u\n", s->scene.coarse);
     fprintf(stream, "eye=%.17g,%.17g,%.17g\nlook-at=%.17g,%.17g,%.17g\nup=%.17g,%.17g,%.17g\nfov=%.17g", c->eye[0],
             c->eye[1], c->eye[2], c->look_at[0], c->look_at[1], c->look_at[2], c->up[0], c->up[1], c->up[2], s->fov);

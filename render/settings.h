@@ -15,8 +15,7 @@ typedef struct df_settings {
     int solve, steps, gradient;
     bool quality_auto; /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
     bool has_methods;
-    uint32_t packet; /* of cgt; 0: default */
-    bool no_clip;
+    df_walk_options walk;
     double orbit[3]; /* degrees, degrees, multiples of the longest side: used when there is no eye */
     bool has_orbit, has_eye, has_look_at, has_up;
     df_camera camera; /* what has_... says is given; fov_y is unused */

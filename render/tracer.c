@@ -18,6 +18,7 @@ const df_tracer *const df_mesh_tracers[] = {
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
 const char *const df_gradient_names[] = {"analytic",       "central",        "forward", "backward",
                                          "corner-central", "corner-forward", NULL};
+const char *const df_bounds_names[] = {"none", "bricks", "voxels", NULL};
 
 const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -29,8 +30,9 @@ const df_tracer *df_tracer_find(const char *name) {
     return NULL;
 }
 
-const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view) {
+const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if (walk && walk->bounds && scene->levels && !(*tracer)->takes_bounds) continue;
         if (!(*tracer)->suits || (*tracer)->suits(scene, view)) return *tracer;
     }
     return &df_tracer_dda;

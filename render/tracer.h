@@ -46,6 +46,18 @@ typedef struct df_tile {
     df_rays rays; /* row by row */
 } df_tile;
 
+/* The interval pre-pass of views (cpu/bounds.h): what is projected. */
+#define DF_BOUNDS_NONE 0
+#define DF_BOUNDS_BRICKS 1 /* the part of each block that holds surface */
+#define DF_BOUNDS_VOXELS 2 /* each surface voxel */
+
+/* How tracers go about finding hits, which they are for, and what changes no hit. Zero: the defaults. */
+typedef struct df_walk_options {
+    uint32_t packet; /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
+    bool no_clip;    /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
+    int bounds;      /* DF_BOUNDS_...: for tracers that have takes_bounds */
+} df_walk_options;
+
 typedef struct df_trace_options {
     const df_kernels *kernels;        /* the instruction set to use */
     int solve;                        /* DF_SOLVE_... of solve.h */
@@ -53,8 +65,7 @@ typedef struct df_trace_options {
     uint32_t threads;                 /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
     uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted
                                          from begin_frame's first */
-    uint32_t packet;                  /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
-    bool no_clip;                     /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
+    df_walk_options walk;
 } df_trace_options;
 
 typedef struct df_tracer df_tracer;
@@ -62,6 +73,7 @@ struct df_tracer {
     const char *name;
     const char *summary; /* for --help */
     bool whole_frame;    /* wants one tile, the picture, from one thread */
+    bool takes_bounds;   /* df_walk_options.bounds */
 
     /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a
      * view. */
@@ -89,12 +101,14 @@ extern const df_tracer *const df_tracers[];
 extern const df_tracer *const df_mesh_tracers[];
 const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
 
-/* The fastest tracer that suits a scene and a view: what --tracer auto takes. */
-const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view);
+/* The fastest tracer that suits a scene and a view, and takes the bounds that the options ask for: what --tracer auto
+ * takes. walk: NULL: no wishes. */
+const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk);
 
-/* Names of solves and gradients, by number, ended by NULL. */
+/* Names of solves, gradients and bounds, by number, ended by NULL. */
 extern const char *const df_solve_names[];
 extern const char *const df_gradient_names[];
+extern const char *const df_bounds_names[];
 
 /* The default of --steps. Linear, midpoint, analytic: 0. Repeated, marmitt: interpolations after the first (3). Robust:
  * Illinois steps at most (16). */

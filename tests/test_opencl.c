@@ -111,7 +111,8 @@ static void make_view(const df_field *field, double azimuth, double elevation, d
 
 static void scalar_picture(const df_scene *scene, int solve, int gradient, const df_view *view, df_picture *picture,
                            df_frame_stats *stats) {
-    const df_frame_options options = {&df_tracer_dda, solve, 0, gradient, 64, 2, NULL, 0, false};
+    const df_frame_options options = {
+        .tracer = &df_tracer_dda, .solve = solve, .gradient = gradient, .tile = 64, .threads = 2};
     df_renderer *renderer;
     df_error err;
     assert_int_equal(df_renderer_open(scene, &options, view->width, view->height, &renderer, &err), DF_OK);
@@ -517,7 +518,8 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
 /* ---- several devices ---- */
 
 static df_devices *open_devices(const char *names, const df_scene *scene, const df_view *view, FILE *messages) {
-    const df_frame_options frame = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 16, 1, NULL, 0, false};
+    const df_frame_options frame = {
+        .tracer = &df_tracer_dda, .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .tile = 16, .threads = 1};
     df_devices_options options = {.messages = messages, .program = "test"};
     df_devices *opened;
     df_error err;

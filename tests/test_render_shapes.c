@@ -360,7 +360,12 @@ static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t t
     camera.fov_y = 1;
     if (df_view_make(&camera, &f->field, width, height, &view, &err)) fail_msg("%s", err.text);
     const df_frame_options options = {
-        &df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, tile, threads, NULL, 0, false};
+        .tracer = &df_tracer_dda,
+        .solve = DF_SOLVE_ROBUST,
+        .gradient = DF_GRADIENT_CORNER_CENTRAL,
+        .tile = tile,
+        .threads = threads,
+    };
     if (df_renderer_open(&f->scene, &options, width, height, &renderer, &err)) fail_msg("%s", err.text);
     const df_picture picture = {width, height, rgb, depth, normals};
     if (df_renderer_frame(renderer, &view, &picture, NULL, &err)) fail_msg("%s", err.text);

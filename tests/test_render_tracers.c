@@ -57,6 +57,18 @@ static void draw(const df_scene *scene, const df_view *view, const df_frame_opti
     df_renderer_close(renderer);
 }
 
+static void compare(const picture *reference, const picture *other, const df_frame_options *options, const char *name) {
+    for (uint32_t i = 0; i < reference->width * reference->height; i++) {
+        if (memcmp(&reference->depth[i], &other->depth[i], 4) ||
+            memcmp(reference->normals + 3 * i, other->normals + 3 * i, 12) ||
+            memcmp(reference->rgb + 3 * i, other->rgb + 3 * i, 3)) {
+            fail_msg("%s: %s, %s, bounds %s, pixel %u,%u: depth %.9g instead of %.9g", name, options->tracer->name,
+                     options->kernels->isa, df_bounds_names[options->walk.bounds], i % reference->width,
+                     i / reference->width, (double)other->depth[i], (double)reference->depth[i]);
+        }
+    }
+}
+
 /* Draws a view with everything that can and compares with the scalar 3DDDA. Returns the number of pixels that hit. */
 static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint32_t width, uint32_t height,
                             uint32_t tile, int solve, int gradient, const char *name) {
@@ -66,23 +78,26 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
     picture reference = new_picture(width, height), other = new_picture(width, height);
     if (df_view_make(camera, scene->field, width, height, &view, &err)) fail_msg("%s", err.text);
     const df_frame_options plain = {
-        scene->levels ? &df_tracer_dda : &df_tracer_adf, solve, 0, gradient, 64, 1, NULL, 0, false};
+        .tracer = scene->levels ? &df_tracer_dda : &df_tracer_adf,
+        .solve = solve,
+        .gradient = gradient,
+        .tile = 64,
+        .threads = 1,
+    };
     draw(scene, &view, &plain, &reference);
     for (uint32_t i = 0; i < width * height; i++) hits += isfinite(reference.depth[i]);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if ((*tracer)->suits && !(*tracer)->suits(scene, &view)) continue;
         for (int isa = 0; isa < 4; isa++) {
-            df_frame_options options = {*tracer, solve, 0, gradient, tile, 2, NULL, 0, false};
+            df_frame_options options = {
+                .tracer = *tracer, .solve = solve, .gradient = gradient, .tile = tile, .threads = 2};
             if (df_kernels_select(isas[isa], &options.kernels, &err) != DF_OK) continue;
             draw(scene, &view, &options, &other);
-            for (uint32_t i = 0; i < width * height; i++) {
-                if (memcmp(&reference.depth[i], &other.depth[i], 4) ||
-                    memcmp(reference.normals + 3 * i, other.normals + 3 * i, 12) ||
-                    memcmp(reference.rgb + 3 * i, other.rgb + 3 * i, 3)) {
-                    fail_msg("%s: %s, %s, pixel %u,%u: depth %.9g instead of %.9g", name, (*tracer)->name, isas[isa],
-                             i % width, i / width, (double)other.depth[i], (double)reference.depth[i]);
-                }
-            }
+            compare(&reference, &other, &options, name);
+            if (!(*tracer)->takes_bounds) continue;
+            options.walk.bounds = isa % 2 ? DF_BOUNDS_VOXELS : DF_BOUNDS_BRICKS;
+            draw(scene, &view, &options, &other);
+            compare(&reference, &other, &options, name);
         }
     }
     free_picture(&reference);
@@ -90,10 +105,11 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
     return hits;
 }
 
+/* k of a dense field: 1 for the uniform walk. */
 static void open_scene(df_field *field, df_scene *scene, df_field_kind kind, uint32_t k, double n,
                        test_function function) {
     const uint32_t count[3] = {(uint32_t)n, (uint32_t)n, (uint32_t)n};
-    const df_scene_options options = {0};
+    const df_scene_options options = {.levels = kind == DF_FIELD_DENSE && k == 1};
     df_error err;
     memset(field, 0, sizeof *field);
     if (test_field_from_function(field, kind, k, count, function, &n, &err)) fail_msg("%s", err.text);
@@ -110,8 +126,9 @@ static void tracers_agree_on_pictures(void **unused) {
     static const struct {
         df_field_kind kind;
         uint32_t k;
-    } kinds[] = {{DF_FIELD_BRICKS, 8}, {DF_FIELD_BRICKS, 4}, {DF_FIELD_DENSE, 8}, {DF_FIELD_ADF, 0}};
-    for (int i = 0; i < 4; i++) {
+    } kinds[] = {
+        {DF_FIELD_BRICKS, 8}, {DF_FIELD_BRICKS, 4}, {DF_FIELD_DENSE, 8}, {DF_FIELD_DENSE, 1}, {DF_FIELD_ADF, 0}};
+    for (int i = 0; i < 5; i++) {
         df_field field;
         df_scene scene;
         df_camera camera;
@@ -217,12 +234,17 @@ static void cgt_agrees_for_every_packet_with_and_without_clipping(void **unused)
     df_camera_orbit(&field, 12, 50, 0.9, &camera);
     camera.fov_y = 1.4;
     if (df_view_make(&camera, &field, W, H, &view, &err)) fail_msg("%s", err.text);
-    const df_frame_options plain = {&df_tracer_dda, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CENTRAL, 64, 1, NULL, 0, false};
+    const df_frame_options plain = {
+        .tracer = &df_tracer_dda, .solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .tile = 64, .threads = 1};
     draw(&scene, &view, &plain, &reference);
     for (uint32_t packet = 1; packet <= DF_CGT_PACKET_MAX; packet *= 2) {
         for (int clip = 0; clip < 2; clip++) {
-            df_frame_options options = {&df_tracer_cgt, DF_SOLVE_ROBUST, 0,    DF_GRADIENT_CENTRAL, 48, 2,
-                                        NULL,           packet,          !clip};
+            df_frame_options options = {.tracer = &df_tracer_cgt,
+                                        .solve = DF_SOLVE_ROBUST,
+                                        .gradient = DF_GRADIENT_CENTRAL,
+                                        .tile = 48,
+                                        .threads = 2,
+                                        .walk = {.packet = packet, .no_clip = !clip}};
             if (df_kernels_select("auto", &options.kernels, &err)) fail_msg("%s", err.text);
             draw(&scene, &view, &options, &other);
             assert_memory_equal(reference.depth, other.depth, W * H * sizeof(float));

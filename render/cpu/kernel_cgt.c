@@ -24,6 +24,7 @@ typedef struct packet {
     float origin[3];
     int main, u, v, sign; /* axes, and the direction along the main one */
     float slope[2][2];    /* by minor axis u, v: least and greatest of direction over |direction along the main axis| */
+    float reach[2];       /* along the main axis, from the eye: where rays may hit */
     df_candidate best[RAYS_MAX];
 } packet;
 
@@ -160,6 +161,8 @@ static void walk(const df_packet_job *job, packet *p, df_counters *counters) {
         const int32_t along = p->sign > 0 ? n : count - 1 - n;
         const float from = ((p->sign > 0 ? (float)along : (float)along + 1) * k - p->origin[p->main]) * (float)p->sign;
         slice s;
+        if (from + k < p->reach[0] - MARGIN) continue;
+        if (from > p->reach[1] + MARGIN) return;
         if (!packet_slice(p, (float)along * k, (float)(along + 1) * k, k, low, high, &s)) continue;
         if (farthest(p) < from * 0.9999f) return;
         for (int32_t v = s.low[1]; v <= s.high[1]; v++) {
@@ -178,7 +181,8 @@ static void walk(const df_packet_job *job, packet *p, df_counters *counters) {
 }
 
 /* Collects the rays of a square of pixels; false where they do not share the sign of a main axis. */
-static bool gather(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t size, packet *p) {
+static bool gather(const df_packet_job *job, uint32_t x0, uint32_t y0, uint32_t size, packet *p) {
+    const df_tile *tile = job->tile;
     const df_rays *rays = &tile->rays;
     p->count = 0;
     for (uint32_t y = y0; y < tile->height && y < y0 + size; y++) {
@@ -210,6 +214,8 @@ static bool gather(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t size,
         p->slope[i][0] = INFINITY;
         p->slope[i][1] = -INFINITY;
     }
+    p->reach[0] = INFINITY;
+    p->reach[1] = -INFINITY;
     for (uint32_t i = 0; i < p->count; i++) {
         const float along = p->direction[p->main][i] * (float)p->sign;
         if (!(along > 0.01f * d[p->main])) return false;
@@ -218,6 +224,14 @@ static bool gather(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t size,
             p->slope[m][0] = fminf(p->slope[m][0], slope);
             p->slope[m][1] = fmaxf(p->slope[m][1], slope);
         }
+        float first = 0, last = INFINITY;
+        if (job->bounds) {
+            const uint32_t ray = p->ray[i];
+            df_bounds_ray(job->bounds, tile->x + ray % tile->width, tile->y + ray / tile->width, 0, &first, &last);
+            if (!(first <= last)) continue;
+        }
+        p->reach[0] = fminf(p->reach[0], first * along);
+        p->reach[1] = fmaxf(p->reach[1], last * along);
     }
     return true;
 }
@@ -228,14 +242,14 @@ static uint32_t trace_square(const df_packet_job *job, uint32_t x, uint32_t y, u
     packet p;
     uint32_t hits = 0;
     if (x >= job->tile->width || y >= job->tile->height) return 0;
-    if (!gather(job->tile, x, y, size, &p)) { /* never with a single ray */
+    if (!gather(job, x, y, size, &p)) { /* never with a single ray */
         const uint32_t part = size / 2;
         for (uint32_t i = 0; i < 4; i++) {
             hits += trace_square(job, x + (i & 1) * part, y + (i >> 1) * part, part, candidates + hits, counters);
         }
         return hits;
     }
-    walk(job, &p, counters);
+    if (p.reach[0] <= p.reach[1]) walk(job, &p, counters);
     for (uint32_t i = 0; i < p.count; i++) {
         if (!(p.depth[i] < INFINITY)) continue;
         candidates[hits] = p.best[i];

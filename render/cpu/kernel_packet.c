@@ -13,6 +13,7 @@
 
 typedef struct packet {
     lf origin[3], direction[3], inverse[3];
+    lf first, last; /* as in dda_ray */
     lm upward[3];
 } packet;
 
@@ -129,7 +130,10 @@ static lm enter(const packet *p, const uint32_t box[3], events *at) {
     const lm outside = lf_lt(lf_set(0), in.t);
     at->t = lf_select(outside, in.t, lf_set(0));
     at->axis = lf_select(outside, in.axis, lf_set(3));
-    return lf_le(at->t, t_out);
+    const lm later = lf_lt(at->t, p->first);
+    at->t = lf_select(later, p->first, at->t);
+    at->axis = lf_select(later, lf_set(3), at->axis);
+    return lf_le(at->t, lf_min(t_out, p->last));
 }
 
 typedef struct found {
@@ -247,7 +251,7 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
             const events out_at = leave(&w);
             at.t = lf_select(searching, out_at.t, at.t);
             at.axis = lf_select(searching, out_at.axis, at.axis);
-            searching = step(&w, p, out_at, searching);
+            searching = step(&w, p, out_at, lm_and(searching, lf_le(out_at.t, p->last)));
         }
         if (!lm_any(holding)) break;
         li_store(block, blocks);
@@ -256,7 +260,7 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
         active = lm_and(holding, lm_not(hit));
         const events out_at = leave(&w);
         at = out_at;
-        active = step(&w, p, out_at, active);
+        active = step(&w, p, out_at, lm_and(active, lf_le(out_at.t, p->last)));
     }
     return hits;
 }
@@ -290,7 +294,8 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
             hits = lm_or(hits, hit);
             active = lm_and(active, lm_not(hit));
         }
-        active = step(&w, p, leave(&w), active);
+        const events out_at = leave(&w);
+        active = step(&w, p, out_at, lm_and(active, lf_le(out_at.t, p->last)));
     }
     return hits;
 }
@@ -306,6 +311,23 @@ static uint32_t gather_rays(const df_tile *tile, uint32_t x0, uint32_t y0, uint3
         valid |= (uint32_t)within << i;
     }
     return valid;
+}
+
+/* The intervals of the rays of a packet; false where none of them can hit. */
+static bool load_bounds(const df_packet_job *job, const int32_t ray[DF_LANES], packet *p) {
+    float first[DF_LANES], last[DF_LANES];
+    const df_tile *tile = job->tile;
+    p->first = lf_set(0);
+    p->last = lf_set(INFINITY);
+    if (!job->bounds) return true;
+    for (uint32_t i = 0; i < DF_LANES; i++) {
+        const uint32_t r = (uint32_t)ray[i];
+        df_bounds_ray(job->bounds, tile->x + r % tile->width, tile->y + r / tile->width,
+                      tile->rays.t_base ? tile->rays.t_base[r] : 0, &first[i], &last[i]);
+    }
+    p->first = lf_load(first);
+    p->last = lf_load(last);
+    return lm_any(lf_le(p->first, p->last));
 }
 
 static void load(const df_rays *rays, const int32_t ray[DF_LANES], packet *p) {
@@ -330,6 +352,7 @@ uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *can
             found out;
             uint32_t inside_bits = 0;
             const uint32_t valid = gather_rays(tile, x, y, width, ray);
+            if (!load_bounds(job, ray, &p)) continue;
             load(&tile->rays, ray, &p);
             const lm all = lm_first(DF_LANES);
             const lm hit = job->scene->levels == 1 ? trace_uniform(job, &p, all, &out, &inside_bits, counters)

@@ -5,6 +5,7 @@
 #ifndef DF_KERNELS_H
 #define DF_KERNELS_H
 
+#include "render/cpu/bounds.h"
 #include "render/tracer.h"
 
 /* What is drawn of hits: everything that shading needs besides them. */
@@ -60,7 +61,8 @@ typedef struct df_splat_job {
 typedef struct df_packet_job {
     const df_scene *scene;
     const df_tile *tile;
-    int isolate;     /* DF_SOLVE_ISOLATES */
+    const df_bounds *bounds; /* of the tile's rays; NULL: none */
+    int isolate;             /* DF_SOLVE_ISOLATES */
     uint32_t packet; /* cgt: edge of the square of rays that go together, a power of two up to DF_CGT_PACKET_MAX */
     bool clip;       /* cgt: look only at voxels that the packet's bounds meet */
 } df_packet_job;

@@ -11,16 +11,22 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
     (void)err;
     const df_walk *walk = opaque;
     const df_scene *scene = walk->scene;
+    const df_bounds *bounds = df_walk_bounds(walk, tile);
     const df_rays *rays = &tile->rays;
     df_candidate *candidates = walk->candidates[thread];
     const bool isolate = DF_SOLVE_ISOLATES(walk->options.solve);
     uint32_t count = 0;
     for (uint32_t i = 0; i < rays->count; i++) {
-        dda_ray ray;
+        dda_ray ray = {.first = 0, .last = INFINITY};
         for (int a = 0; a < 3; a++) {
             ray.origin[a] = rays->origin[a][rays->shared_origin ? 0 : i];
             ray.direction[a] = rays->direction[a][i];
             ray.inverse[a] = rays->inverse[a][i];
+        }
+        if (bounds) {
+            df_bounds_ray(bounds, tile->x + i % tile->width, tile->y + i / tile->width,
+                          rays->t_base ? rays->t_base[i] : 0, &ray.first, &ray.last);
+            if (!(ray.first <= ray.last)) continue;
         }
         candidates[count].ray = i;
         count += scene->levels ? dda_walk_scene(scene, isolate, &ray, &candidates[count], counters)
@@ -52,8 +58,12 @@ const df_tracer df_tracer_adf = {
 const df_tracer df_tracer_dda = {
     .name = "dda",
     .summary = "scalar 3DDDA, one ray at a time: the reference",
+    .takes_bounds = true,
     .prepare = df_walk_prepare,
     .release = df_walk_release,
+    .bytes = df_walk_bytes,
+    .begin_frame = df_walk_begin_frame,
+    .touches = df_walk_touches,
     .suits = dda_suits,
     .trace = dda_trace,
 };

@@ -30,7 +30,10 @@ static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile
                               df_error *err) {
     (void)err;
     const df_walk *walk = opaque;
-    const df_packet_job job = {walk->scene, tile, DF_SOLVE_ISOLATES(walk->options.solve), 0, false};
+    const df_packet_job job = {.scene = walk->scene,
+                               .tile = tile,
+                               .bounds = df_walk_bounds(walk, tile),
+                               .isolate = DF_SOLVE_ISOLATES(walk->options.solve)};
     const uint32_t count = walk->options.kernels->packet(&job, walk->candidates[thread], counters);
     df_walk_solve(walk, thread, tile, count, hits);
     return DF_OK;
@@ -39,8 +42,12 @@ static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile
 const df_tracer df_tracer_packet = {
     .name = "dda-packet",
     .summary = "3DDDA over SIMD lanes",
+    .takes_bounds = true,
     .prepare = packet_prepare,
     .release = df_walk_release,
+    .bytes = df_walk_bytes,
+    .begin_frame = df_walk_begin_frame,
+    .touches = df_walk_touches,
     .suits = packet_suits,
     .trace = packet_trace,
 };
@@ -59,8 +66,12 @@ static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, d
                            df_error *err) {
     (void)err;
     const df_walk *walk = opaque;
-    const df_packet_job job = {walk->scene, tile, DF_SOLVE_ISOLATES(walk->options.solve),
-                               walk->options.packet ? walk->options.packet : 8, !walk->options.no_clip};
+    const df_packet_job job = {.scene = walk->scene,
+                               .tile = tile,
+                               .bounds = df_walk_bounds(walk, tile),
+                               .isolate = DF_SOLVE_ISOLATES(walk->options.solve),
+                               .packet = walk->options.walk.packet ? walk->options.walk.packet : 8,
+                               .clip = !walk->options.walk.no_clip};
     const uint32_t count = walk->options.kernels->cgt(&job, walk->candidates[thread], counters);
     df_walk_solve(walk, thread, tile, count, hits);
     return DF_OK;
@@ -69,8 +80,12 @@ static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, d
 const df_tracer df_tracer_cgt = {
     .name = "cgt",
     .summary = "coherent grid traversal: squares of rays slice by slice; for pictures",
+    .takes_bounds = true,
     .prepare = cgt_prepare,
     .release = df_walk_release,
+    .bytes = df_walk_bytes,
+    .begin_frame = df_walk_begin_frame,
+    .touches = df_walk_touches,
     .suits = cgt_suits,
     .trace = cgt_trace,
 };

@@ -8,6 +8,7 @@ void df_walk_release(void *opaque) {
     if (!walk) return;
     for (uint32_t i = 0; walk->candidates && i < walk->options.threads; i++) free(walk->candidates[i]);
     free(walk->candidates);
+    df_bounds_free(&walk->bounds);
     free(walk);
 }
 
@@ -23,9 +24,30 @@ df_status df_walk_prepare(const df_scene *scene, const df_trace_options *options
         status = df_alloc_raw((void **)&walk->candidates[i], (uint64_t)options->tile_width * options->tile_height + 1,
                               sizeof **walk->candidates, "candidates", err);
     }
+    if (status == DF_OK && options->walk.bounds)
+        status = df_bounds_prepare(scene, options->walk.bounds, &walk->bounds, err);
     if (status != DF_OK) df_walk_release(walk);
     else *out = walk;
     return status;
+}
+
+uint64_t df_walk_bytes(const void *opaque) { return df_bounds_bytes(&((const df_walk *)opaque)->bounds); }
+
+df_status df_walk_begin_frame(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count,
+                              df_error *err) {
+    df_walk *walk = opaque;
+    if (!walk->options.walk.bounds) return DF_OK;
+    return df_bounds_project(&walk->bounds, view, first_row, row_count, walk->options.threads, err);
+}
+
+bool df_walk_touches(const void *opaque, const df_tile *tile) {
+    const df_walk *walk = opaque;
+    if (!walk->options.walk.bounds) return true;
+    return df_bounds_touch(&walk->bounds, tile->x, tile->y, tile->width, tile->height);
+}
+
+const df_bounds *df_walk_bounds(const df_walk *walk, const df_tile *tile) {
+    return walk->options.walk.bounds && tile->view ? &walk->bounds : NULL;
 }
 
 void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits) {

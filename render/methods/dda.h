@@ -17,8 +17,11 @@
 
 #include "render/methods/cell.h"
 
+/* Cells that the ray leaves before `first` or enters after `last` need not be visited; 0 and INFINITY where nothing is
+ * known. */
 typedef struct dda_ray {
     float origin[3], direction[3], inverse[3];
+    float first, last;
 } dda_ray;
 
 typedef struct dda_event {
@@ -99,7 +102,8 @@ static inline bool dda_step(dda_walk *w, const dda_ray *ray, int axis) {
     return true;
 }
 
-/* The event at which the ray enters [0, box], or its start inside; false where it misses. */
+/* The event at which the walk begins: where the ray enters [0, box], its start inside, or its first t; false where it
+ * misses. The cell after any event is that of the whole walk, so it may begin anywhere. */
 static inline bool dda_enter_box(const dda_ray *ray, const uint32_t box[3], dda_event *at) {
     float t_out = INFINITY;
     dda_event in = {-INFINITY, 0};
@@ -110,7 +114,8 @@ static inline bool dda_enter_box(const dda_ray *ray, const uint32_t box[3], dda_
         if (leave < t_out) t_out = leave;
     }
     *at = in.t > 0 ? in : (dda_event){0, 3};
-    return at->t <= t_out;
+    if (ray->first > at->t) *at = (dda_event){ray->first, 3};
+    return at->t <= t_out && at->t <= ray->last;
 }
 
 /* Solves nothing yet: is the surface between the ray's entry into this voxel and its exit? */
@@ -179,7 +184,7 @@ static inline bool dda_two_level(const df_scene *scene, bool isolate, const dda_
         }
         at.axis = dda_axis(&w);
         at.t = w.leave[at.axis];
-    } while (dda_step(&w, ray, at.axis));
+    } while (at.t <= ray->last && dda_step(&w, ray, at.axis));
     return false;
 }
 
@@ -190,6 +195,7 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
     dda_box box = {.size = 1, .inverse_size = 1, .stride = {1, row, row * count[1]}};
     dda_event at;
     dda_walk w;
+    int axis;
     for (int a = 0; a < 3; a++) box.high[a] = (int32_t)count[a];
     if (!dda_enter_box(ray, count, &at)) return false;
     dda_begin(&w, &box, ray, at);
@@ -200,7 +206,8 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
             dda_cell(&w, voxel);
             if (dda_accept(scene, isolate, ray, voxel, 0, candidate, counters)) return true;
         }
-    } while (dda_step(&w, ray, dda_axis(&w)));
+        axis = dda_axis(&w);
+    } while (w.leave[axis] <= ray->last && dda_step(&w, ray, axis));
     return false;
 }
 

@@ -153,7 +153,7 @@ __kernel void df_cgt_view(DF_SCENE_PARAMETERS, const df_view view, uint first_ro
     const uint items = (uint)(get_local_size(0) * get_local_size(1)), item = (uint)(get_local_id(0) + get_local_size(0) * get_local_id(1));
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
     double t_base;
-    dda_ray ray;
+    dda_ray ray = {.first = 0, .last = INFINITY};
     df_candidate candidate;
     df_counters counters = {0, 0, 0};
     /* Work items past the edge of the picture follow its last rays. */

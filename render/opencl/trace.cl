@@ -37,7 +37,7 @@ __kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
     const uint x = get_global_id(0), y = get_global_id(1);
     if (x >= view.width || y >= row_count) return;
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    dda_ray ray;
+    dda_ray ray = {.first = 0, .last = INFINITY};
     double t_base;
     df_view_ray(&view, x, first_row + y, ray.origin, ray.direction, &t_base);
     for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
@@ -51,7 +51,7 @@ __kernel void df_trace_rays(DF_SCENE_PARAMETERS, __global const float *rays, uin
     const size_t i = get_global_id(0), pitch = stride;
     if (i >= count) return;
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    dda_ray ray;
+    dda_ray ray = {.first = 0, .last = INFINITY};
     for (int a = 0; a < 3; a++) {
         ray.origin[a] = rays[pitch * a + i * origin_step];
         ray.direction[a] = rays[pitch * (3 + a) + i];

@@ -309,7 +309,7 @@ static df_status measure_times(lab_session *session, const subject *s) {
     camera.fov_y = 1;
     df_status status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
     if (status != DF_OK) return status;
-    const df_tracer *chosen = df_tracer_choose(&s->scene, &view);
+    const df_tracer *chosen = df_tracer_choose(&s->scene, &view, NULL);
     for (int m = 0; m < METHOD_COUNT; m++) {
         solves[m] =
             make_timing(session, "solve-time", chosen, methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
@@ -345,7 +345,7 @@ static df_status measure_auto(lab_session *session, const subject *s) {
         df_quality_choose(&s->field, &camera, size, &quality);
         status = df_view_make(&camera, &s->field, size, size, &view, session->err);
         if (status != DF_OK) break;
-        const df_tracer *tracer = df_tracer_choose(&s->scene, &view);
+        const df_tracer *tracer = df_tracer_choose(&s->scene, &view, NULL);
         timings[count++] = make_timing(session, "auto-time", tracer, quality.solve, quality.steps, quality.gradient);
         for (int i = 0; i < 6; i++) {
             timings[count++] =
