@@ -8,11 +8,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A point to measure at: a cell's corner values and a position in it. */
+/* A point to measure at: a cell's corner values and a position in it, and what was measured. */
 typedef struct probe {
     float corners[8];
     double local[3];
     double world[3];
+    double error; /* of the interpolated value */
 } probe;
 
 /* Hands out the cells that get probes while all surface cells are counted past it. */
@@ -107,7 +108,7 @@ static double true_distance(const df_truth *truth, const df_face_tree *tree, uin
     return side < 0 ? -distance : distance;
 }
 
-static df_status compare(const df_truth *truth, const df_face_tree *tree, const probe *probes, uint64_t count,
+static df_status compare(const df_truth *truth, const df_face_tree *tree, probe *probes, uint64_t count,
                          df_field *field, df_error *err) {
     double largest = 0, sum = 0;
     bool short_of_memory = false;
@@ -118,15 +119,15 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, const 
 #pragma omp for schedule(dynamic, 64) reduction(max : largest)
         for (uint64_t i = 0; i < count; i++) {
             if (!active) continue;
-            double exact = true_distance(truth, tree, active, &probes[i].world);
-            largest = fmax(largest, fabs(df_trilinear(probes[i].corners, probes[i].local) - exact));
-            ((probe *)(uintptr_t)&probes[i])->local[0] = df_trilinear(probes[i].corners, probes[i].local) - exact;
+            probe *p = &probes[i];
+            p->error = df_trilinear(p->corners, p->local) - true_distance(truth, tree, active, &p->world);
+            largest = fmax(largest, fabs(p->error));
         }
         free(active);
     }
     if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
-    for (uint64_t i = 0; i < count; i++)
-        sum += probes[i].local[0] * probes[i].local[0]; /* in order: the same sum for any threads */
+    /* in order: the same sum for any threads */
+    for (uint64_t i = 0; i < count; i++) sum += probes[i].error * probes[i].error;
     if (isnan(sum)) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     field->error_max = largest;
     field->error_rms = count ? sqrt(sum / (double)count) : 0;
