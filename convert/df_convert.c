@@ -279,6 +279,8 @@ typedef struct surface {
     df_shape shape;
     df_mesh mesh;
     df_sign sign;
+    df_distance_source
+        source; /* made for the first field; only --distance openvdb depends on its lattice, and makes one */
     double low[3], high[3];
 } surface;
 
@@ -339,23 +341,24 @@ static df_status read_surface(const request *r, surface *s, df_convert_report *r
     return decides || r->distance == DISTANCE_OPENVDB ? DF_OK : df_sign_orient(&s->sign, &s->mesh, err);
 }
 
-static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_distance_source *source,
-                             df_convert_report *report, df_error *err) {
+static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_convert_report *report,
+                             df_error *err) {
+    if (s->source.fill) return DF_OK;
     report->distance = report->is_shape ? "shape" : distance_names[r->distance];
     report->sign_method = report->is_shape                  ? "shape"
                           : r->distance == DISTANCE_OPENVDB ? "openvdb"
                           : r->sign == DF_SIGN_PARITY       ? "parity"
                                                             : "winding";
     if (report->is_shape) {
-        df_distance_shape(&s->shape, source);
+        df_distance_shape(&s->shape, &s->source);
         return DF_OK;
     }
-    if (r->distance == DISTANCE_EXACT) return df_distance_exact(&s->mesh, source, err);
-    if (r->distance == DISTANCE_CGAL) return df_distance_cgal(&s->mesh, source, err);
+    if (r->distance == DISTANCE_EXACT) return df_distance_exact(&s->mesh, &s->source, err);
+    if (r->distance == DISTANCE_CGAL) return df_distance_cgal(&s->mesh, &s->source, err);
     /* in bricks no sample lies further from a face than a cell's diagonal and the reach */
     double band = (r->brick_size + 2) * 1.7320508;
     for (int a = 0; a < 3 && r->structure == DF_FIELD_DENSE; a++) band = fmax(band, 2.0 * lattice->voxel_count[a]);
-    return df_distance_openvdb(&s->mesh, lattice, (float)band, source, err);
+    return df_distance_openvdb(&s->mesh, lattice, (float)band, &s->source, err);
 }
 
 /* Asks CGAL's exact inside test about samples spread over the field and compares it with the signs stored. CGAL counts
@@ -412,7 +415,7 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
     if (report->build.wall_count) report->sign_reason = "the sign changes where no surface is";
     else if (report->sign_contradictions) report->sign_reason = "CGAL's inside test disagrees";
     else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
-    else if (r->structure != DF_FIELD_BRICKS && made->cap_count) report->sign_reason = "the mesh has holes";
+    else if (r->structure == DF_FIELD_ADF && made->cap_count) report->sign_reason = "the mesh has holes";
     if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
     if (report->repaired &&
         (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
@@ -541,27 +544,25 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
     for (int a = 0; a < 3; a++) {
         if (lattice.voxel_count[a] > report->resolution) report->resolution = lattice.voxel_count[a];
     }
-    df_distance_source source = {0};
     double start = df_now_ms();
-    status = make_source(r, s, &lattice, &source, report, err);
+    status = make_source(r, s, &lattice, report, err);
     report->prepare_ms += df_now_ms() - start;
     df_shape_cells shape_cells = {&s->shape, &lattice};
     df_build_input input = {.name = r->input,
                             .kind = r->structure,
                             .lattice = &lattice,
-                            .source = &source,
+                            .source = &s->source,
                             .mesh = report->is_shape ? NULL : &s->mesh,
                             .sign = &s->sign,
                             .keep = df_shape_keeps_cell,
                             .keep_context = &shape_cells,
                             .quiet = r->quiet};
     if (status == DF_OK && r->structure == DF_FIELD_ADF)
-        status = build_adf(r, s, &lattice, &source, field, report, err);
+        status = build_adf(r, s, &lattice, &s->source, field, report, err);
     else if (status == DF_OK) status = df_build(&input, field, &report->build, err);
     if (status == DF_OK) status = check_surface(r->input, field, err);
-    if (status == DF_OK) status = measure_error(r, s, &source, field, report, err);
-    if (status == DF_OK) status = store_samples(r, s, &source, field, report, err);
-    df_distance_source_free(&source);
+    if (status == DF_OK) status = measure_error(r, s, &s->source, field, report, err);
+    if (status == DF_OK) status = store_samples(r, s, &s->source, field, report, err);
     if (status != DF_OK) df_field_free(field);
     return status;
 }
@@ -610,6 +611,7 @@ static df_status convert(const request *r, const char *output, df_error *err) {
         else if (!r->quiet) df_report_print(&report, &field);
     }
     free(report.edges.borders);
+    df_distance_source_free(&s.source);
     df_sign_free(&s.sign);
     df_mesh_free(&s.mesh);
     df_field_free(&field);
