@@ -4,6 +4,7 @@
 #include "render/methods/shade.h"
 
 #include <assert.h>
+#include <inttypes.h>
 #include <math.h>
 #include <omp.h>
 #include <stdlib.h>
@@ -78,7 +79,13 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     renderer->tile_width = whole || options->tile > width ? width : options->tile;
     renderer->tile_height = whole || options->tile > height ? height : options->tile;
     df_shade_table(renderer->shade_table);
-    uint32_t tile_rays = renderer->tile_width * renderer->tile_height;
+    const uint64_t tile_rays = (uint64_t)renderer->tile_width * renderer->tile_height;
+    if (tile_rays > UINT32_MAX - DF_RAY_PADDING) {
+        status = df_fail(err, DF_ERROR_MEMORY, "%u x %u pixels in one tile: at most %" PRIu64 " can be traced at once",
+                         renderer->tile_width, renderer->tile_height, (uint64_t)UINT32_MAX - DF_RAY_PADDING);
+        free(renderer);
+        return status;
+    }
     const df_trace_options trace = {.kernels = renderer->options.kernels,
                                     .solve = options->solve,
                                     .steps = options->steps,
@@ -95,8 +102,8 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
             df_alloc((void **)&renderer->workers, renderer->worker_count, sizeof *renderer->workers, "renderer", err);
     }
     for (uint32_t i = 0; i < renderer->worker_count && status == DF_OK; i++) {
-        status = df_rays_alloc(tile_rays, true, &renderer->workers[i].tile.rays, err);
-        if (status == DF_OK) status = df_hits_alloc(tile_rays, &renderer->workers[i].hits, err);
+        status = df_rays_alloc((uint32_t)tile_rays, true, &renderer->workers[i].tile.rays, err);
+        if (status == DF_OK) status = df_hits_alloc((uint32_t)tile_rays, &renderer->workers[i].hits, err);
     }
     if (status != DF_OK) df_renderer_close(renderer);
     else *out = renderer;
@@ -184,18 +191,18 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     }
     const double begun = df_now_ms();
     const uint32_t width = renderer->tile_width, height = renderer->tile_height;
-    const uint32_t columns = (view->width + width - 1) / width, rows = (row_count + height - 1) / height;
+    const uint64_t columns = (view->width + width - 1) / width, rows = (row_count + height - 1) / height;
     for (uint32_t i = 0; i < renderer->worker_count; i++) {
         renderer->workers[i].status = DF_OK;
         memset(&renderer->workers[i].stats, 0, sizeof renderer->workers[i].stats);
     }
 #pragma omp parallel for schedule(dynamic) num_threads(renderer->worker_count)
-    for (uint32_t i = 0; i < columns * rows; i++) {
+    for (uint64_t i = 0; i < columns * rows; i++) {
         uint32_t thread = (uint32_t)omp_get_thread_num();
         df_tile *tile = &renderer->workers[thread].tile;
         tile->view = view;
-        tile->x = i % columns * width;
-        tile->y = first_row + i / columns * height;
+        tile->x = (uint32_t)(i % columns) * width;
+        tile->y = first_row + (uint32_t)(i / columns) * height;
         tile->width = view->width - tile->x < width ? view->width - tile->x : width;
         tile->height = first_row + row_count - tile->y < height ? first_row + row_count - tile->y : height;
         if (renderer->workers[thread].status == DF_OK) render_tile(renderer, thread, picture);
