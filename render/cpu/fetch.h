@@ -1,6 +1,9 @@
 /*
- * Quick access to f32 samples for the kernels: where the samples around a voxel lie, as pointers. What lies elsewhere,
- * in other sample types or beyond what is stored, goes through scene.h, which this must agree with.
+ * Quick access to samples for the kernels, decoded on the way: where the samples around a voxel lie, and the stencil of
+ * a voxel as rows. What lies beyond what is stored goes through scene.h, which this must agree with.
+ *
+ * The functions take the sample type as an argument so that callers can make it a constant (DF_FETCH_BY_TYPE): it is
+ * then not asked for in the inner loops.
  */
 #ifndef DF_FETCH_H
 #define DF_FETCH_H
@@ -8,80 +11,132 @@
 #include "render/methods/gradient.h"
 #include "render/scene.h"
 
-/* Strides of a run of samples, and the first corner of a voxel in it. */
+#include <string.h>
+
+/* Calls a function with a constant sample type as its last argument. */
+#define DF_FETCH_BY_TYPE(type, function, ...)                         \
+    ((type) == DF_SAMPLE_F32   ? function(__VA_ARGS__, DF_SAMPLE_F32) \
+     : (type) == DF_SAMPLE_U16 ? function(__VA_ARGS__, DF_SAMPLE_U16) \
+                               : function(__VA_ARGS__, DF_SAMPLE_U8))
+
+/* A voxel's first corner as an index of samples, and the strides of the run that it lies in. */
 typedef struct df_fetch {
-    const float *corner;
-    size_t row, slice;
+    size_t corner, row, slice;
 } df_fetch;
 
-/* block: of the voxel, when the field is made of bricks. f32 samples only. */
+/* block: of the voxel, when the field is made of bricks. */
 static inline df_fetch df_fetch_corner(const df_scene *scene, const uint32_t voxel[3], uint32_t block) {
     const df_field *field = scene->field;
-    const float *samples = (const float *)field->samples;
     if (field->kind == DF_FIELD_BRICKS) {
         const uint32_t side = scene->k + 1, mask = scene->k - 1;
-        const df_fetch f = {samples + (size_t)block * (side * side * side) + (voxel[0] & mask) +
-                                side * (voxel[1] & mask) + side * side * (voxel[2] & mask),
+        const df_fetch f = {(size_t)block * (side * side * side) + (voxel[0] & mask) + side * (voxel[1] & mask) +
+                                side * side * (voxel[2] & mask),
                             side, side * side};
         return f;
     }
     const size_t row = (size_t)field->voxel_count[0] + 1, slice = row * ((size_t)field->voxel_count[1] + 1);
-    const df_fetch f = {samples + voxel[0] + row * voxel[1] + slice * voxel[2], row, slice};
+    const df_fetch f = {voxel[0] + row * voxel[1] + slice * voxel[2], row, slice};
     return f;
 }
 
-/* The first of the 4 samples beyond each face of the voxel: before and after along x, y, z. Returns false where one of
- * them is not stored in the face's own brick or lies outside the field. */
+/* The step of quantised samples of a block. */
+static inline float df_fetch_step(const df_field *field, uint32_t block, df_sample_type type) {
+    if (type == DF_SAMPLE_F32) return 1;
+    return df_power_of_two(field->brick_exponents ? field->brick_exponents[block] : field->step_exponent);
+}
+
+/* Samples `at` and the `count` - 1 after it, decoded. */
+static inline void df_fetch_row(const df_field *field, size_t at, float step, int count, float *out,
+                                df_sample_type type) {
+    if (type == DF_SAMPLE_F32) memcpy(out, (const float *)field->samples + at, (size_t)count * sizeof *out);
+    for (int i = 0; i < count && type != DF_SAMPLE_F32; i++) {
+        out[i] = type == DF_SAMPLE_U16 ? (float)(((const uint16_t *)field->samples)[at + (size_t)i] - 32768) * step
+                                       : (float)(((const uint8_t *)field->samples)[at + (size_t)i] - 128) * step;
+    }
+}
+
+/* df_scene_corners, but not of octrees. */
+static inline void df_fetch_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8],
+                                    df_sample_type type) {
+    const df_fetch f = df_fetch_corner(scene, voxel, block);
+    const float step = df_fetch_step(scene->field, block, type);
+    for (int i = 0; i < 4; i++) {
+        df_fetch_row(scene->field, f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0), step, 2, corner + 2 * i,
+                     type);
+    }
+    for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
+}
+
+/* The 4 samples beyond a face of a voxel: the first of them, and the step of the brick that they lie in. */
+typedef struct df_fetch_face {
+    size_t at;
+    float step;
+} df_fetch_face;
+
+/* The faces before and after along x, y, z. Returns false where one of them is not stored in the face's own brick or
+ * lies outside the field. */
 static inline bool df_fetch_faces(const df_scene *scene, const uint32_t voxel[3], uint32_t block, const df_fetch *f,
-                                  const float *faces[6]) {
-    const ptrdiff_t stride[3] = {1, (ptrdiff_t)f->row, (ptrdiff_t)f->slice};
+                                  float step, df_fetch_face faces[6], df_sample_type type) {
+    const size_t stride[3] = {1, f->row, f->slice};
     const bool bricks = scene->field->kind == DF_FIELD_BRICKS;
     const uint32_t k = scene->k, mask = k - 1;
-    const ptrdiff_t samples = (ptrdiff_t)(k + 1) * (k + 1) * (k + 1);
-    const ptrdiff_t cells[3] = {1, scene->coarse_count[0], (ptrdiff_t)scene->coarse_count[0] * scene->coarse_count[1]};
+    const size_t samples = (size_t)(k + 1) * (k + 1) * (k + 1);
+    const uint32_t cells[3] = {1, scene->coarse_count[0], scene->coarse_count[0] * scene->coarse_count[1]};
     for (int a = 0; a < 3; a++) {
         if (voxel[a] < 1 || voxel[a] + 2 > scene->voxel_count[a]) return false;
-        faces[2 * a] = f->corner - stride[a];
-        faces[2 * a + 1] = f->corner + 2 * stride[a];
-        if (!bricks) continue;
-        const uint32_t within = voxel[a] & mask;
-        if (within == 0) {
-            const uint32_t other = scene->coarse[(ptrdiff_t)scene->block_cells[block] - cells[a]];
-            if (other >= DF_CELL_INSIDE) return false;
-            faces[2 * a] = f->corner + ((ptrdiff_t)other - (ptrdiff_t)block) * samples + (ptrdiff_t)(k - 1) * stride[a];
-        } else if (within == mask) {
-            const uint32_t other = scene->coarse[(ptrdiff_t)scene->block_cells[block] + cells[a]];
-            if (other >= DF_CELL_INSIDE) return false;
-            faces[2 * a + 1] =
-                f->corner + ((ptrdiff_t)other - (ptrdiff_t)block) * samples - (ptrdiff_t)(k - 2) * stride[a];
-        }
+        faces[2 * a] = (df_fetch_face){f->corner - stride[a], step};
+        faces[2 * a + 1] = (df_fetch_face){f->corner + 2 * stride[a], step};
+        if (!bricks || ((voxel[a] + 1) & mask) > 1) continue;
+        /* at a border of the brick: in the next one, counted from its own side */
+        const bool after = voxel[a] & mask;
+        const uint32_t own = scene->block_cells[block], other = scene->coarse[after ? own + cells[a] : own - cells[a]];
+        if (other >= DF_CELL_INSIDE) return false;
+        const size_t there = f->corner + ((size_t)other - block) * samples;
+        faces[2 * a + after] = (df_fetch_face){after ? there - (k - 2) * stride[a] : there + (k - 1) * stride[a],
+                                               df_fetch_step(scene->field, other, type)};
     }
     return true;
 }
 
-/* df_scene_stencil for f32 samples, quickly where all is at hand. */
-static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float *stencil,
-                                    size_t step) {
+/*
+ * The stencil of a voxel as 32 numbers: 4 rows of 4 through its corners, row (y,z) as number y + 2 z, then the pairs
+ * beyond its faces, each along x: (y,z) = (-1,0) (-1,1) (2,0) (2,1) (0,-1) (1,-1) (0,2) (1,2).
+ */
+enum { DF_FETCH_STENCIL = 32 };
+
+/* Where number i of the 32 stands in a stencil of gradient.h. */
+static inline int df_fetch_place(int i) {
+    static const signed char beyond[8][2] = {{-1, 0}, {-1, 1}, {2, 0}, {2, 1}, {0, -1}, {1, -1}, {0, 2}, {1, 2}};
+    if (i < 16) return DF_STENCIL((i & 3) - 1, i >> 2 & 1, i >> 3);
+    return DF_STENCIL(i & 1, beyond[(i - 16) >> 1][0], beyond[(i - 16) >> 1][1]);
+}
+
+/* df_scene_stencil as 32 numbers. */
+static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond,
+                                    float out[DF_FETCH_STENCIL], df_sample_type type) {
+    const df_field *field = scene->field;
     const df_fetch f = df_fetch_corner(scene, voxel, block);
-    const float *faces[6];
-    if (!df_fetch_faces(scene, voxel, block, &f, faces)) {
-        df_scene_stencil(scene, voxel, block, true, stencil, step);
+    const float step = df_fetch_step(field, block, type);
+    df_fetch_face faces[6];
+    for (int i = 0; i < 4; i++) {
+        const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
+        df_fetch_row(field, f.corner + away, step, 2, out + 4 * i + 1, type);
+    }
+    if (!beyond) return;
+    if (!df_fetch_faces(scene, voxel, block, &f, step, faces, type)) {
+        float stencil[64];
+        df_scene_stencil(scene, voxel, block, true, stencil, 1);
+        for (int i = 0; i < DF_FETCH_STENCIL; i++) out[i] = stencil[df_fetch_place(i)];
         return;
     }
-    for (int c = 0; c < 8; c++) {
-        stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] =
-            f.corner[(c & 1) + (c & 2 ? f.row : 0) + (c & 4 ? f.slice : 0)];
-    }
     for (int i = 0; i < 4; i++) {
-        const int u = i & 1, v = i >> 1;
-        const size_t x = (size_t)u * f.row + (size_t)v * f.slice, y = (size_t)u + (size_t)v * f.slice,
-                     z = (size_t)u + (size_t)v * f.row;
-        stencil[(size_t)DF_STENCIL(-1, u, v) * step] = faces[0][x];
-        stencil[(size_t)DF_STENCIL(2, u, v) * step] = faces[1][x];
-        stencil[(size_t)DF_STENCIL(u, -1, v) * step] = faces[2][y];
-        stencil[(size_t)DF_STENCIL(u, 2, v) * step] = faces[3][y];
-        stencil[(size_t)DF_STENCIL(u, v, -1) * step] = faces[4][z];
-        stencil[(size_t)DF_STENCIL(u, v, 2) * step] = faces[5][z];
+        const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
+        df_fetch_row(field, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
+        df_fetch_row(field, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);
+    }
+    for (int i = 0; i < 8; i++) {
+        const df_fetch_face *face = &faces[2 + (i >> 1)];
+        df_fetch_row(field, face->at + (i & 1 ? (i < 4 ? f.slice : f.row) : 0), face->step, 2, out + 16 + 2 * i, type);
     }
 }
 

@@ -145,7 +145,8 @@ typedef struct found {
 static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], const int32_t *block, lm lanes,
                  found *out, uint32_t *inside_bits, df_counters *counters) {
     const df_scene *scene = job->scene;
-    float corners[8][DF_LANES] = {{0}}, at[3][DF_LANES];
+    float corners[DF_LANES][8] = {{0}}, at[3][DF_LANES];
+    const float *rows[DF_LANES];
     df_segment_f32 segment;
     lanes =
         lm_and(lanes, df_cell_segment_f32(p->origin, p->direction, p->inverse, lf_set(0), lower, lf_set(1), &segment));
@@ -156,20 +157,12 @@ static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], c
     for (uint32_t rest = bits; rest; rest &= rest - 1) {
         const int i = __builtin_ctz(rest);
         const uint32_t voxel[3] = {(uint32_t)at[0][i], (uint32_t)at[1][i], (uint32_t)at[2][i]};
-        if (scene->field->sample_type == DF_SAMPLE_F32) {
-            const df_fetch f = df_fetch_corner(scene, voxel, (uint32_t)block[i]);
-            for (int c = 0; c < 8; c++) {
-                corners[c][i] = f.corner[(c & 1) + (c & 2 ? f.row : 0) + (c & 4 ? f.slice : 0)] - scene->iso;
-            }
-        } else {
-            float corner[8];
-            df_scene_corners(scene, voxel, (uint32_t)block[i], corner);
-            for (int c = 0; c < 8; c++) corners[c][i] = corner[c];
-        }
+        DF_FETCH_BY_TYPE(scene->field->sample_type, df_fetch_corners, scene, voxel, (uint32_t)block[i], corners[i]);
     }
     lf corner[8];
     lm inside;
-    for (int c = 0; c < 8; c++) corner[c] = lf_load(corners[c]);
+    for (int i = 0; i < DF_LANES; i++) rows[i] = corners[i];
+    lf_load_8(rows, corner);
     const lm hit = lm_and(lanes, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
     for (uint32_t rest = lm_bits(hit); rest; rest &= rest - 1) {
         const int i = __builtin_ctz(rest);

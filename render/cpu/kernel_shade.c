@@ -6,34 +6,85 @@
 
 #include <string.h>
 
-typedef struct columns {
-    union {
-        lf lanes[64];
-        float numbers[64][DF_LANES];
-    } stencil;
-    float direction[3][DF_LANES];
-} columns;
+/* Samples around DF_LANES hits, as they are fetched. */
+typedef struct stencils {
+    float of[DF_LANES][DF_FETCH_STENCIL];
+} stencils;
 
-static void write_pixel(const df_shade_job *job, const df_hits *hits, uint32_t i, const float direction[3], float light,
-                        const float normal[3]) {
-    const df_tile *tile = job->tile;
-    const uint32_t ray = hits->ray[i];
-    const size_t pixel = (size_t)(tile->y + ray / tile->width) * job->picture_width + tile->x + ray % tile->width;
-    if (job->rgb) {
-        const float albedo[3] = DF_SHADE_ALBEDO;
-        for (int c = 0; c < 3; c++) job->rgb[3 * pixel + (size_t)c] = job->table[df_shade_level(albedo[c] * light)];
+static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes,
+                                  bool beyond, stencils *in, df_sample_type type) {
+    for (uint32_t i = 0; i < lanes; i++) {
+        const uint32_t voxel[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
+        df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, in->of[i], type);
     }
-    if (job->normals) memcpy(job->normals + 3 * pixel, normal, 3 * sizeof *normal);
-    if (job->depth) job->depth[pixel] = df_view_distance(tile->view, direction, hits->t[i]);
+}
+
+static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
+                                stencils *in) {
+    for (uint32_t i = 0; i < lanes; i++) {
+        const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
+        /* the size scales the gradient, which the normal does not feel */
+        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
+        float stencil[64] = {0};
+        df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond, stencil, 1);
+        for (int n = 0; n < DF_FETCH_STENCIL; n++) in->of[i][n] = stencil[df_fetch_place(n)];
+    }
+}
+
+/* The gradients of the field at hits first .. first + lanes - 1. */
+static void field_gradients(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes, stencils *in,
+                            lf gradient[3]) {
+    const df_scene *scene = job->scene;
+    const bool beyond = job->gradient != DF_GRADIENT_ANALYTIC;
+    lf stencil[64], local[3];
+    if (scene->levels == 0) fetch_leaf_stencils(scene, hits, first, lanes, beyond, in);
+    else DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_stencils, scene, hits, first, lanes, beyond, in);
+    for (int part = 0; part < DF_FETCH_STENCIL; part += 8) {
+        const float *from[DF_LANES];
+        lf eight[8];
+        for (int i = 0; i < DF_LANES; i++) from[i] = in->of[i] + part;
+        lf_load_8(from, eight);
+        for (int n = 0; n < 8; n++) stencil[df_fetch_place(part + n)] = eight[n];
+    }
+    for (int a = 0; a < 3; a++) local[a] = lf_load(hits->local[a] + first);
+    df_gradient(job->gradient, stencil, local, gradient);
+}
+
+/* What a vector of hits looks like. */
+typedef struct looks {
+    int32_t level[3][DF_LANES]; /* of df_shade_table, by colour */
+    float normal[3][DF_LANES], direction[3][DF_LANES];
+} looks;
+
+static void write_pixels(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes,
+                         const looks *out) {
+    const df_tile *tile = job->tile;
+    const uint8_t *table = job->table;
+    size_t pixels[DF_LANES];
+    for (uint32_t i = 0; i < lanes; i++) {
+        const uint32_t ray = hits->ray[first + i];
+        pixels[i] = (size_t)(tile->y + ray / tile->width) * job->picture_width + tile->x + ray % tile->width;
+    }
+    for (uint32_t i = 0; job->rgb && i < lanes; i++) {
+        uint8_t *restrict rgb = job->rgb + 3 * pixels[i];
+        rgb[0] = table[out->level[0][i]];
+        rgb[1] = table[out->level[1][i]];
+        rgb[2] = table[out->level[2][i]];
+    }
+    for (uint32_t i = 0; job->normals && i < lanes; i++) {
+        for (int a = 0; a < 3; a++) job->normals[3 * pixels[i] + (size_t)a] = out->normal[a][i];
+    }
+    for (uint32_t i = 0; job->depth && i < lanes; i++) {
+        const float direction[3] = {out->direction[0][i], out->direction[1][i], out->direction[2][i]};
+        job->depth[pixels[i]] = df_view_distance(tile->view, direction, hits->t[first + i]);
+    }
 }
 
 void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     const df_view *view = job->tile->view;
-    const bool beyond = job->gradient != DF_GRADIENT_ANALYTIC;
-    const bool octree = job->scene->levels == 0;
-    const bool quick = beyond && !octree && job->scene->field->sample_type == DF_SAMPLE_F32;
+    const float albedo[3] = DF_SHADE_ALBEDO;
     lf size[3], inverse_size[3];
-    columns in;
+    stencils in;
     memset(&in, 0, sizeof in);
     for (int a = 0; a < 3; a++) {
         size[a] = lf_set(view->relative_size[a]);
@@ -41,39 +92,23 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     }
     for (uint32_t first = 0; first < hits->count; first += DF_LANES) {
         const uint32_t lanes = hits->count - first < DF_LANES ? hits->count - first : DF_LANES;
-        for (uint32_t i = 0; i < DF_LANES; i++) {
-            const uint32_t from = first + (i < lanes ? i : 0);
-            const uint32_t voxel[3] = {hits->cell[0][from], hits->cell[1][from], hits->cell[2][from]};
-            const uint32_t size_log2 =
-                hits->flags[from] >> DF_HIT_SIZE_SHIFT; /* scales the gradient, which the normal does not feel */
-            if (hits->has_normals) {
-                /* the tracer's own */
-            } else if (quick) {
-                df_fetch_stencil(job->scene, voxel, hits->block[from], &in.stencil.numbers[0][i], DF_LANES);
-            } else if (octree) {
-                df_scene_leaf_stencil(job->scene, voxel, hits->block[from], size_log2, beyond,
-                                      &in.stencil.numbers[0][i], DF_LANES);
-            } else {
-                df_scene_stencil(job->scene, voxel, hits->block[from], beyond, &in.stencil.numbers[0][i], DF_LANES);
-            }
-            for (int a = 0; a < 3; a++) in.direction[a][i] = job->tile->rays.direction[a][hits->ray[from]];
+        const li ray = li_select(lm_first(lanes), li_load((const int32_t *)hits->ray + first), li_set(0));
+        lf gradient[3], direction[3], toward_eye[3], normal[3];
+        looks out;
+        if (hits->has_normals) { /* the tracer's own */
+            for (int a = 0; a < 3; a++) gradient[a] = lf_load(hits->normal[a] + first) * size[a];
+        } else {
+            field_gradients(job, hits, first, lanes, &in, gradient);
         }
-        lf local[3], gradient[3], direction[3], toward_eye[3], normal[3];
-        for (int a = 0; a < 3; a++) {
-            local[a] = lf_load(hits->local[a] + first);
-            direction[a] = lf_load(in.direction[a]);
-        }
-        if (!hits->has_normals) df_gradient(job->gradient, in.stencil.lanes, local, gradient);
-        for (int a = 0; a < 3 && hits->has_normals; a++) gradient[a] = lf_load(hits->normal[a] + first) * size[a];
+        for (int a = 0; a < 3; a++) direction[a] = lf_gather(job->tile->rays.direction[a], ray);
         df_shade_toward_eye(direction, size, toward_eye);
         df_shade_normal(gradient, inverse_size, toward_eye, normal);
-        float light[DF_LANES], normals[3][DF_LANES];
-        lf_store(light, df_shade_light(normal, toward_eye));
-        for (int a = 0; a < 3; a++) lf_store(normals[a], normal[a]);
-        for (uint32_t i = 0; i < lanes; i++) {
-            const float d[3] = {in.direction[0][i], in.direction[1][i], in.direction[2][i]};
-            const float n[3] = {normals[0][i], normals[1][i], normals[2][i]};
-            write_pixel(job, hits, first + i, d, light[i], n);
+        const lf light = df_shade_light(normal, toward_eye);
+        for (int c = 0; c < 3; c++) li_store(out.level[c], df_shade_level(lf_set(albedo[c]) * light));
+        for (int a = 0; a < 3; a++) {
+            lf_store(out.normal[a], normal[a]);
+            lf_store(out.direction[a], direction[a]);
         }
+        write_pixels(job, hits, first, lanes, &out);
     }
 }

@@ -16,30 +16,45 @@
 
 enum { N = DF_DOUBLE_LANES };
 
-/* The inputs of N cells as columns. */
+/* The inputs of DF_LANES cells as columns. */
 typedef struct batch {
-    float origin[3][N], direction[3][N], cell[3][N], size[N], corner[8][N], inside[N];
+    float origin[3][DF_LANES], direction[3][DF_LANES], cell[3][DF_LANES], size[DF_LANES], corner[8][DF_LANES],
+        inside[DF_LANES];
 } batch;
 
-static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *c, batch *in, int lane) {
-    const uint32_t voxel[3] = {c->cell[0], c->cell[1], c->cell[2]};
-    in->size[lane] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
-    if (scene->field->sample_type == DF_SAMPLE_F32 && scene->levels) {
-        const df_fetch f = df_fetch_corner(scene, voxel, c->block);
-        for (int k = 0; k < 8; k++) {
-            in->corner[k][lane] = f.corner[(k & 1) + (k & 2 ? f.row : 0) + (k & 4 ? f.slice : 0)] - scene->iso;
-        }
+static inline void fetch_corners(const df_scene *scene, const df_candidate *candidates, uint32_t lanes,
+                                 float corners[DF_LANES][8], df_sample_type type) {
+    for (uint32_t i = 0; i < lanes; i++) {
+        const uint32_t voxel[3] = {candidates[i].cell[0], candidates[i].cell[1], candidates[i].cell[2]};
+        df_fetch_corners(scene, voxel, candidates[i].block, corners[i], type);
+    }
+}
+
+/* Lanes past the last candidate repeat it. */
+static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *candidates, uint32_t lanes,
+                   batch *in) {
+    float corners[DF_LANES][8];
+    const float *from[DF_LANES];
+    lf corner[8];
+    if (scene->levels) {
+        DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_corners, scene, candidates, lanes, corners);
     } else {
-        float corner[8];
-        df_scene_corners(scene, voxel, c->block, corner);
-        for (int k = 0; k < 8; k++) in->corner[k][lane] = corner[k];
+        for (uint32_t i = 0; i < lanes; i++) df_scene_corners(scene, NULL, candidates[i].block, corners[i]);
     }
-    for (int a = 0; a < 3; a++) {
-        in->origin[a][lane] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
-        in->direction[a][lane] = rays->direction[a][c->ray];
-        in->cell[a][lane] = (float)voxel[a];
+    for (uint32_t i = 0; i < DF_LANES; i++) {
+        const uint32_t lane = i < lanes ? i : lanes - 1;
+        const df_candidate *c = &candidates[lane];
+        for (int a = 0; a < 3; a++) {
+            in->origin[a][i] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
+            in->direction[a][i] = rays->direction[a][c->ray];
+            in->cell[a][i] = (float)c->cell[a];
+        }
+        in->size[i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
+        in->inside[i] = c->flags & DF_HIT_BACK ? 1 : 0;
+        from[i] = corners[lane];
     }
-    in->inside[lane] = c->flags & DF_HIT_BACK ? 1 : 0;
+    lf_load_8(from, corner);
+    for (int k = 0; k < 8; k++) lf_store(in->corner[k], corner[k]);
 }
 
 /* The closed form is no text of lanes: isolation as always, then the root inside the bracket, lane by lane. */
@@ -56,41 +71,42 @@ static ld solve_analytic(const ld bernstein[4], ldm inside) {
     return ld_select(part.found, ld_load(s), df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, ld_set(0)));
 }
 
-/* size: of the cells; a constant 1 where it is known, which saves a division. */
-static inline void solve_batch(const batch *in, ld size, const df_trace_options *options, int steps, double *t,
-                               float *const local[3]) {
+/* N cells of a batch from lane `first` on. size: of the cells; a constant 1 where it is known, which saves a division.
+ */
+static inline void solve_part(const batch *in, int first, ld size, const df_trace_options *options, int steps,
+                              double *t, float *const local[3]) {
     ld origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
     for (int a = 0; a < 3; a++) {
-        origin[a] = ld_load_f32(in->origin[a]);
-        direction[a] = ld_load_f32(in->direction[a]);
+        origin[a] = ld_load_f32(in->origin[a] + first);
+        direction[a] = ld_load_f32(in->direction[a] + first);
         inverse[a] = ld_set(1) / direction[a];
-        cell[a] = ld_load_f32(in->cell[a]);
+        cell[a] = ld_load_f32(in->cell[a] + first);
     }
-    for (int k = 0; k < 8; k++) corner[k] = ld_load_f32(in->corner[k]);
-    const ldm inside = ld_lt(ld_set(0), ld_load_f32(in->inside));
+    for (int k = 0; k < 8; k++) corner[k] = ld_load_f32(in->corner[k] + first);
+    const ldm inside = ld_lt(ld_set(0), ld_load_f32(in->inside + first));
     df_segment_f64 segment;
     df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment);
     df_bernstein_f64(corner, segment.a, segment.b, bern);
     ld s = options->solve == DF_SOLVE_ANALYTIC
                ? solve_analytic(bern, inside)
                : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
-    ld_store(t, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
-    for (int a = 0; a < 3; a++) ld_store_f32(local[a], df_lerp_f64(segment.a[a], segment.b[a], s));
+    ld_store(t + first, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
+    for (int a = 0; a < 3; a++) ld_store_f32(local[a] + first, df_lerp_f64(segment.a[a], segment.b[a], s));
 }
 
 void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
                                 const df_candidate *candidates, uint32_t count, df_hits *hits) {
     assert(hits->count + count <= hits->capacity);
     const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
-    for (uint32_t first = 0; first < count; first += N) {
-        const uint32_t at = hits->count, lanes = count - first < N ? count - first : N;
+    for (uint32_t first = 0; first < count; first += DF_LANES) {
+        const uint32_t at = hits->count, lanes = count - first < DF_LANES ? count - first : DF_LANES;
         batch in;
-        for (uint32_t i = 0; i < N; i++) {
-            gather(scene, rays, &candidates[first + (i < lanes ? i : 0)], &in, (int)i);
-        }
+        gather(scene, rays, candidates + first, lanes, &in);
         float *const local[3] = {hits->local[0] + at, hits->local[1] + at, hits->local[2] + at};
-        if (scene->levels) solve_batch(&in, ld_set(1), options, steps, hits->t + at, local);
-        else solve_batch(&in, ld_load_f32(in.size), options, steps, hits->t + at, local);
+        for (int part = 0; part < DF_LANES; part += N) {
+            if (scene->levels) solve_part(&in, part, ld_set(1), options, steps, hits->t + at, local);
+            else solve_part(&in, part, ld_load_f32(in.size + part), options, steps, hits->t + at, local);
+        }
         for (uint32_t i = 0; i < lanes; i++) {
             const df_candidate *c = &candidates[first + i];
             hits->ray[at + i] = c->ray;

@@ -62,7 +62,7 @@ static void keep(const df_splat_job *job, uint32_t ray, float t_in, uint32_t rec
 /* Tests DF_LANES pairs from entry `first` of the queue; only the first `count` are real. */
 static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, uint32_t count) {
     const df_rays *rays = &job->tile->rays;
-    const li ray = li_load(q->ray + first), record = li_load(q->record + first);
+    const li ray = li_load(q->ray + first);
     lf origin[3], direction[3], inverse[3], cell[3], corner[8];
     for (int a = 0; a < 3; a++) {
         origin[a] = lf_set(rays->origin[a][0]);
@@ -74,7 +74,9 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
     lm visited = df_cell_segment_f32(origin, direction, inverse, lf_set(0), cell, lf_set(1), &segment);
     visited = lm_and(visited, lf_le(segment.t_in, lf_gather(job->depth, ray)));
     if (!lm_any(visited)) return;
-    lf_gather_8(job->surface->corners, record, corner);
+    const float *rows[DF_LANES];
+    for (uint32_t i = 0; i < DF_LANES; i++) rows[i] = job->surface->corners + 8 * (ptrdiff_t)q->record[first + i];
+    lf_load_8(rows, corner);
     lm inside;
     lm hit = lm_and(visited, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
     uint32_t bits = lm_bits(hit) & (uint32_t)((1ull << count) - 1);

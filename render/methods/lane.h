@@ -9,7 +9,8 @@
  *   li        DF_LANES 32-bit integers
  *   ld, ldm   DF_DOUBLE_LANES doubles and the masks of their comparisons: half as many in SIMD
  *
- * lf_compress and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has
+ * lf_load_8 takes 8 floats of every lane from an address of its own: out[c] holds number c of all. lf_compress and
+ * li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has
  * lane 0 in bit 0.
  *
  * The wide types exist for SSE4.1 (4), AVX2 (8) and AVX-512 (16); the compiler's flags must allow them. In C only.
@@ -91,9 +92,8 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     if (m) *p = a;
 }
 static inline li li_gather(const int32_t *base, li index) { return base[index]; }
-/* 8 floats of each lane from base + 8 index, transposed: out[c] holds number c of every lane. */
-static inline void lf_gather_8(const float *base, li index, lf out[8]) {
-    for (int c = 0; c < 8; c++) out[c] = lf_gather(base + c, li_mul(index, li_set(8)));
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
+    for (int c = 0; c < 8; c++) out[c] = from[0][c];
 }
 static inline li li_select(lm m, li a, li b) { return m ? a : b; }
 static inline lm li_lt(li a, li b) { return a < b; }
@@ -159,8 +159,12 @@ static inline li li_gather(const int32_t *base, li index) {
     li_store(i, index);
     return _mm_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
 }
-static inline void lf_gather_8(const float *base, li index, lf out[8]) {
-    for (int c = 0; c < 8; c++) out[c] = lf_gather(base + c, li_mul(index, li_set(8)));
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
+    for (int half = 0; half < 2; half++) {
+        lf *four = out + 4 * half;
+        for (int i = 0; i < 4; i++) four[i] = _mm_loadu_ps(from[i] + 4 * half);
+        _MM_TRANSPOSE4_PS(four[0], four[1], four[2], four[3]);
+    }
 }
 static inline li li_select(lm m, li a, li b) {
     return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m));
@@ -245,11 +249,9 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
 }
 static inline li li_gather(const int32_t *base, li index) { return _mm256_i32gather_epi32(base, index, 4); }
-static inline void lf_gather_8(const float *base, li index, lf out[8]) {
-    int32_t at[8];
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     lf row[8], pair[8], four[8];
-    li_store(at, index);
-    for (int i = 0; i < 8; i++) row[i] = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]);
+    for (int i = 0; i < 8; i++) row[i] = _mm256_loadu_ps(from[i]);
     for (int i = 0; i < 4; i++) {
         pair[2 * i] = _mm256_unpacklo_ps(row[2 * i], row[2 * i + 1]);
         pair[2 * i + 1] = _mm256_unpackhi_ps(row[2 * i], row[2 * i + 1]);
@@ -338,13 +340,10 @@ static inline lf lf_gather(const float *base, li index) { return _mm512_i32gathe
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
 static inline li li_gather(const int32_t *base, li index) { return _mm512_i32gather_epi32(index, base, 4); }
-static inline void lf_gather_8(const float *base, li index, lf out[8]) {
-    int32_t at[16];
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     lf row[8], pair[8], four[8];
-    li_store(at, index);
     for (int i = 0; i < 8; i++) { /* lane i below, lane i + 8 above */
-        const __m256 low = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i]),
-                     high = _mm256_loadu_ps(base + 8 * (ptrdiff_t)at[i + 8]);
+        const __m256 low = _mm256_loadu_ps(from[i]), high = _mm256_loadu_ps(from[i + 8]);
         row[i] = _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
     }
     for (int i = 0; i < 4; i++) {

@@ -48,7 +48,7 @@ static inline lf df_shade_light(const lf normal[3], const lf toward_eye[3]) {
 
 #ifndef DF_OPENCL
 /* The level of linear light in df_shade_table. */
-static inline uint32_t df_shade_level(float linear) { return (uint32_t)(linear * (DF_SHADE_LEVELS - 1) + 0.5f); }
+static inline li df_shade_level(lf linear) { return li_from_lf(linear * lf_set(DF_SHADE_LEVELS - 1) + lf_set(0.5f)); }
 #endif
 
 #endif
