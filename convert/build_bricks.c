@@ -330,7 +330,8 @@ static df_status find_cells(builder *b, df_error *err) {
     df_status status = df_build_check_memory(in->name, bytes, df_build_longest_side(b->lattice), 3, err);
     if (status != DF_OK) return status;
     /* where the mesh has holes, the cells that their fans pass are needed as well */
-    if (in->mesh) return df_cells_find(in->sign ? in->sign->mesh : in->mesh, b->lattice, DF_CELL_REACH, &b->cells, err);
+    const df_mesh *mesh = in->sign && in->sign->made.mesh.face_count ? &in->sign->made.mesh : in->mesh;
+    if (mesh) return df_cells_find(mesh, b->lattice, DF_CELL_REACH, &b->cells, err);
     return df_cells_select(b->lattice, in->keep, in->keep_context, &b->cells, err);
 }
 

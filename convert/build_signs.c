@@ -36,7 +36,7 @@ static uint32_t sign_brick(const builder *b, const df_winding_slab *slab, const 
             j = j < l->voxel_count[1] ? j : l->voxel_count[1];
             i = i < l->voxel_count[2] ? i : l->voxel_count[2];
             df_winding_row(slab, j, i, cell[0] * k, k + 1, windings + count);
-            for (uint32_t x = 0; rule.active_count && x <= k; x++) {
+            for (uint32_t x = 0; rule.needs_points && x <= k; x++) {
                 uint32_t h = cell[0] * k + x;
                 points[count + x][0] = df_lattice_at(l, 0, h < l->voxel_count[0] ? h : l->voxel_count[0]);
                 points[count + x][1] = df_lattice_at(l, 1, j);
@@ -167,8 +167,7 @@ static df_status sign_oriented(const builder *b, slab_signer *sign_slab, uint32_
     df_sign *sign = b->input->sign;
     uint64_t negative = 0;
     df_status status = sign_slabs(b, sign_slab, slab_count, shared, tokens, &negative, err);
-    bool settled = negative == 0 || sign->mesh != b->input->mesh || sign->method == DF_SIGN_PARITY;
-    if (status != DF_OK || settled) return status;
+    if (status != DF_OK || negative == 0 || !df_sign_may_orient(sign, b->input->mesh)) return status;
     status = df_sign_orient(sign, b->input->mesh, err);
     if (status != DF_OK || !sign->made.inverted_components) return status;
     return sign_slabs(b, sign_slab, slab_count, shared, tokens, &negative, err);

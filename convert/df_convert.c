@@ -30,7 +30,7 @@ const char *argp_program_version = PROGRAM " " DF_VERSION " (CGAL 5.5, OpenVDB 1
 
 typedef enum distance_method { DISTANCE_EXACT, DISTANCE_CGAL, DISTANCE_OPENVDB } distance_method;
 static const char *const distance_names[] = {"exact", "cgal", "openvdb", NULL};
-static const char *const sign_names[] = {"auto", "winding", "parity", NULL};
+static const char *const sign_names[] = {"auto", "winding", "parity", "normal", "wrap", NULL};
 static const char *const sample_names[] = {"f32", "u16", "u8", "auto", NULL};
 static const char *const structure_names[] = {"bricks", "dense", "adf", NULL};
 
@@ -119,8 +119,8 @@ static const struct argp_option options[] = {
     {0, 0, 0, 0, "Inside and outside", 3},
     {"sign", KEY_SIGN, "NAME", 0,
      "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes "
-     "(default); parity: where a ray "
-     "crosses it an odd number of times",
+     "(default); parity: where a ray crosses it an odd number of times; normal: on the inner side of the nearest face, "
+     "by its pseudonormal; wrap: the same, within CGAL's alpha wrap, which closes wide holes",
      3},
     {"check", KEY_CHECK, 0, 0, "say what is wrong with the mesh, and convert nothing", 3},
     {"repair", KEY_REPAIR, 0, 0,
@@ -337,8 +337,10 @@ static df_status read_surface(const request *r, surface *s, df_convert_report *r
     df_mesh_bounds(&s->mesh, s->low, s->high);
     s->sign = (df_sign){.method = (df_sign_method)r->sign, .mesh = &s->mesh};
     /* a mesh that is closed and oriented alike decides as it is; whether a body is inside out shows later */
+    if (r->distance == DISTANCE_OPENVDB) return DF_OK;
+    if (r->sign == DF_SIGN_NORMAL || r->sign == DF_SIGN_WRAP) return df_sign_prepare_normals(&s->sign, &s->mesh, err);
     bool decides = report->edges.border_count == 0 || r->sign == DF_SIGN_PARITY;
-    return decides || r->distance == DISTANCE_OPENVDB ? DF_OK : df_sign_orient(&s->sign, &s->mesh, err);
+    return decides ? DF_OK : df_sign_orient(&s->sign, &s->mesh, err);
 }
 
 static df_status make_source(const request *r, surface *s, const df_lattice *lattice, df_convert_report *report,
@@ -347,8 +349,8 @@ static df_status make_source(const request *r, surface *s, const df_lattice *lat
     report->distance = report->is_shape ? "shape" : distance_names[r->distance];
     report->sign_method = report->is_shape                  ? "shape"
                           : r->distance == DISTANCE_OPENVDB ? "openvdb"
-                          : r->sign == DF_SIGN_PARITY       ? "parity"
-                                                            : "winding";
+                          : r->sign == DF_SIGN_AUTO         ? "winding"
+                                                            : sign_names[r->sign];
     if (report->is_shape) {
         df_distance_shape(&s->shape, &s->source);
         return DF_OK;
@@ -429,8 +431,8 @@ static df_verdict judge_signs(const request *r, const surface *s, df_convert_rep
 
 static df_status finish_field(const request *r, const surface *s, df_field *field, df_convert_report *report,
                               df_error *err) {
-    if (!report->is_shape && r->distance == DISTANCE_CGAL && report->cleaning.zero_area == 0 &&
-        report->edges.border_count == 0) {
+    if (!report->is_shape && (r->distance == DISTANCE_CGAL || r->sign == DF_SIGN_NORMAL) &&
+        report->cleaning.zero_area == 0 && report->edges.border_count == 0) {
         df_status status = check_signs(s, field, report, err);
         if (status != DF_OK) return status;
     }

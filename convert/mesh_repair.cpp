@@ -11,6 +11,7 @@
 #include <CGAL/Polygon_mesh_processing/stitch_borders.h>
 #include <CGAL/Polygon_mesh_processing/triangulate_hole.h>
 #include <CGAL/Surface_mesh.h>
+#include <CGAL/alpha_wrap_3.h>
 
 #include <array>
 #include <vector>
@@ -22,10 +23,9 @@ using Point = Kernel::Point_3;
 using Mesh = CGAL::Surface_mesh<Point>;
 namespace PMP = CGAL::Polygon_mesh_processing;
 
-// A manifold mesh of the faces; where they do not allow one, vertices are split. Returns the number of copies.
-std::size_t to_surface_mesh(const df_mesh *from, Mesh &to) {
-    std::vector<Point> points;
-    std::vector<std::array<std::size_t, 3>> triangles;
+using Triangles = std::vector<std::array<std::size_t, 3>>;
+
+void to_soup(const df_mesh *from, std::vector<Point> &points, Triangles &triangles) {
     points.reserve(from->vertex_count);
     for (uint32_t v = 0; v < from->vertex_count; v++) {
         const double *p = from->positions + size_t(v) * 3;
@@ -35,6 +35,13 @@ std::size_t to_surface_mesh(const df_mesh *from, Mesh &to) {
         const uint32_t *c = from->faces + size_t(f) * 3;
         triangles.push_back({c[0], c[1], c[2]});
     }
+}
+
+// A manifold mesh of the faces; where they do not allow one, vertices are split. Returns the number of copies.
+std::size_t to_surface_mesh(const df_mesh *from, Mesh &to) {
+    std::vector<Point> points;
+    Triangles triangles;
+    to_soup(from, points, triangles);
     const std::size_t before = points.size();
     if (!PMP::is_polygon_soup_a_polygon_mesh(triangles)) PMP::orient_polygon_soup(points, triangles);
     PMP::polygon_soup_to_polygon_mesh(points, triangles, to);
@@ -104,5 +111,16 @@ df_status df_mesh_repair(df_mesh *mesh, const char *name, df_mesh_repairs *repai
         df_mesh_free(mesh);
         *mesh = repaired;
         return DF_OK;
+    });
+}
+
+df_status df_mesh_wrap(const df_mesh *mesh, double alpha, double offset, df_mesh *wrap, df_error *err) {
+    return df::guard("alpha wrap", DF_ERROR_INPUT, err, [&]() -> df_status {
+        std::vector<Point> points;
+        Triangles triangles;
+        Mesh surface;
+        to_soup(mesh, points, triangles);
+        CGAL::alpha_wrap_3(points, triangles, alpha, offset, surface);
+        return from_surface_mesh(surface, "alpha wrap", wrap, err);
     });
 }

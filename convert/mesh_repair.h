@@ -22,6 +22,10 @@ typedef struct df_mesh_repairs {
 /* Stitches borders and fills holes of a mesh whose faces are oriented alike as far as they can be; replaces *mesh. */
 df_status df_mesh_repair(df_mesh *mesh, const char *name, df_mesh_repairs *repairs, df_error *err);
 
+/* The alpha wrap: a closed, oriented surface around the faces, at a distance of about `offset`, which no ball of radius
+ * alpha gets behind, however open the mesh is. Lengths in world units. Its time grows with 1 / alpha^2. */
+df_status df_mesh_wrap(const df_mesh *mesh, double alpha, double offset, df_mesh *wrap, df_error *err);
+
 #ifdef __cplusplus
 }
 #endif

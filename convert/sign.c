@@ -1,5 +1,7 @@
 #include "convert/sign.h"
 
+#include "convert/mesh_repair.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -9,7 +11,31 @@ df_status df_sign_orient(df_sign *sign, const df_mesh *input, df_error *err) {
     return status;
 }
 
+/* A wrap whose holes may be a tenth of the mesh wide, and that keeps a small distance: as coarse as it may be to be
+ * quick, because the nearest faces decide about what is near. */
+#define WRAP_ALPHA (1 / 20.0)
+#define WRAP_OFFSET (1 / 600.0)
+
+df_status df_sign_prepare_normals(df_sign *sign, const df_mesh *input, df_error *err) {
+    df_status status = df_sign_mesh_make(input, &sign->made, err);
+    if (status == DF_OK)
+        status = df_sign_normals_make(&sign->made.mesh, sign->made.real_face_count, &sign->normals, err);
+    if (status != DF_OK || sign->method == DF_SIGN_NORMAL) return status;
+    double low[3], high[3], longest = 0;
+    df_mesh_bounds(input, low, high);
+    for (int a = 0; a < 3; a++) longest = fmax(longest, high[a] - low[a]);
+    status = df_mesh_wrap(input, longest * WRAP_ALPHA, longest * WRAP_OFFSET, &sign->wrap, err);
+    sign->mesh = &sign->wrap;
+    return status;
+}
+
+bool df_sign_may_orient(const df_sign *sign, const df_mesh *input) {
+    return sign->mesh == input && (sign->method == DF_SIGN_AUTO || sign->method == DF_SIGN_WINDING);
+}
+
 void df_sign_free(df_sign *sign) {
+    df_sign_normals_free(&sign->normals);
+    df_mesh_free(&sign->wrap);
     df_sign_mesh_free(&sign->made);
     *sign = (df_sign){0};
 }
@@ -70,11 +96,13 @@ static double variation(const df_sign_mesh *m, const uint32_t *active, uint32_t 
 
 void df_sign_make_rule(const df_sign *sign, const double centre[3], double radius, uint32_t *active,
                        df_sign_rule *rule) {
-    *rule = (df_sign_rule){sign, 1, 0, active};
+    *rule = (df_sign_rule){.sign = sign, .threshold = 1, .active = active};
     const df_sign_mesh *m = &sign->made;
-    if (m->cap_count == 0 || sign->method == DF_SIGN_PARITY) return;
+    rule->needs_points = sign->method == DF_SIGN_NORMAL || sign->method == DF_SIGN_WRAP;
+    if (m->cap_count == 0 || sign->method == DF_SIGN_PARITY || rule->needs_points) return;
     rule->active_count = df_sign_mesh_near(m, centre, radius, active);
-    if (rule->active_count == 0) return;
+    rule->needs_points = rule->active_count > 0;
+    if (!rule->needs_points) return;
     double change = variation(m, active, rule->active_count, centre, radius) + 1e-9;
     if (!(change < 0.5)) return;
     double points[3][8], corrections[8];
@@ -88,6 +116,7 @@ void df_sign_make_rule(const df_sign *sign, const double centre[3], double radiu
     if (low != high) return;
     rule->threshold = (int32_t)low;
     rule->active_count = 0;
+    rule->needs_points = false;
 }
 
 static float with_side(float value, bool inside) {
@@ -95,8 +124,21 @@ static float with_side(float value, bool inside) {
     return inside && magnitude != 0 ? -magnitude : magnitude;
 }
 
+static void apply_normals(const df_sign *sign, const int32_t *windings, const double (*points)[3], uint32_t count,
+                          float *values) {
+    uint32_t nearest = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const bool wrapped = sign->method == DF_SIGN_NORMAL || windings[i] >= 1;
+        values[i] = with_side(values[i], wrapped && df_sign_normals_inside(&sign->normals, points[i], &nearest));
+    }
+}
+
 void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count,
                    float *values) {
+    if (rule->sign->method == DF_SIGN_NORMAL || rule->sign->method == DF_SIGN_WRAP) {
+        apply_normals(rule->sign, windings, points, count, values);
+        return;
+    }
     if (rule->active_count == 0) {
         bool parity = rule->sign->method == DF_SIGN_PARITY;
         for (uint32_t i = 0; i < count; i++) {
