@@ -145,7 +145,7 @@ def draw_storage(table, folder):
 def draw_gradients(table, folder):
     body = "set logscale y\nset grid\nset ylabel 'p99 angle to the exact normal, degrees'\nset style data linespoints\nset xtics rotate by -30\nset key outside right noenhanced\n"
     plots = []
-    names = ["analytic", "central", "forward", "backward", "corner-central", "corner-forward"]
+    names = ["analytic", "central", "forward", "backward", "corner-central", "corner-forward", "c0", "crease"]
     tics = ", ".join(f"'{name}' {i}" for i, name in enumerate(names))
     for n, (field, size) in enumerate(table.fields()):
         rows = {r["gradient"]: r for r in table.select(kind="gradient", field=field, size=size)}
@@ -154,7 +154,7 @@ def draw_gradients(table, folder):
         body += data_block(f"g{n}", [(i, max(number(rows[name]["normal_p99"]), 1e-3)) for i, name in enumerate(names)])
         plots.append(f"$g{n} title '{field} {size}'")
     if plots:
-        both_formats(folder, "gradients", 900, 480, body + f"set xtics ({tics})\nset xrange [-0.3:5.3]\nplot " + ", ".join(plots) + "\n")
+        both_formats(folder, "gradients", 900, 480, body + f"set xtics ({tics})\nset xrange [-0.3:7.3]\nplot " + ", ".join(plots) + "\n")
 
 
 def inline_svg(folder, name):

@@ -105,7 +105,8 @@ static const struct argp_option option_table[] = {
     {"steps", KEY_SETTING + 9, "N", 0, "Iterations of the solve (default: repeated and marmitt 3, robust at most 16)",
      0},
     {"gradient", KEY_SETTING + 10, "NAME", 0,
-     "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward (default "
+     "Where normals come from: analytic, central, forward, backward, corner-central, corner-forward, c0 (analytic in "
+     "the 8 nearest voxels, blended), crease (corner-central, or analytic at edges, which its length betrays) (default "
      "corner-central)",
      0},
     {"quality", KEY_SETTING + 13, "NAME", 0,

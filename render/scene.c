@@ -110,7 +110,18 @@ static void stencil_face(const df_scene *scene, const uint32_t voxel[3], uint32_
     }
 }
 
-void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil,
+/* The sample at an offset from a voxel; false where it is not stored or outside the field. */
+static bool field_sample(const df_field *field, const uint32_t voxel[3], const int offset[3], float *value) {
+    uint32_t sample[3];
+    for (int a = 0; a < 3; a++) {
+        const int64_t at = (int64_t)voxel[a] + offset[a];
+        if (at < 0 || at > field->voxel_count[a]) return false;
+        sample[a] = (uint32_t)at;
+    }
+    return df_field_sample(field, sample, value);
+}
+
+void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int reach, float *stencil,
                       size_t step) {
     const sample_run run = run_of_block(scene, block);
     const uint32_t mask = scene->field->kind == DF_FIELD_BRICKS ? scene->k - 1 : 0xFFFFFFFFu;
@@ -119,8 +130,16 @@ void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t b
         const uint64_t at = first + (c & 1) + (c & 2 ? run.row : 0) + (c & 4 ? run.slice : 0);
         stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = decode(scene->field, at, block);
     }
-    for (int face = 0; beyond && face < 6; face++)
+    for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++)
         stencil_face(scene, voxel, block, face >> 1, face & 1, stencil, step);
+    for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
+        for (int i = 0; i < 64; i++) {
+            const int at[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
+            if (df_stencil_outside(at) != outside) continue;
+            if (!field_sample(scene->field, voxel, at, &stencil[(size_t)i * step]))
+                stencil[(size_t)i * step] = df_stencil_extend(stencil, step, at);
+        }
+    }
 }
 
 /* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
@@ -140,7 +159,7 @@ static bool leaf_sample(const df_field *field, const int64_t at[3], float *value
 }
 
 void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
-                           bool beyond, float *stencil, size_t step) {
+                           int reach, float *stencil, size_t step) {
     const df_field *field = scene->field;
     const int stride[3] = {1, 4, 16};
     const int64_t size = (int64_t)1 << size_log2;
@@ -148,7 +167,7 @@ void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint
     float corners[8];
     df_adf_corners(field, block >> 3, child, corners);
     for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
-    for (int face = 0; beyond && face < 6; face++) {
+    for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++) {
         const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
         float sibling[8]; /* the neighbour within the family, when it is on that side */
         const bool within = (child >> axis & 1) != (uint32_t)after;
@@ -168,6 +187,16 @@ void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint
             const float near = stencil[(size_t)(at + (after ? stride[axis] : 0)) * step];
             const float next = stencil[(size_t)(at + (after ? 0 : stride[axis])) * step];
             *out = (near + near) - next;
+        }
+    }
+    for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
+        for (int i = 0; i < 64; i++) {
+            const int at[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
+            int64_t place[3];
+            if (df_stencil_outside(at) != outside) continue;
+            for (int a = 0; a < 3; a++) place[a] = (int64_t)corner[a] + at[a] * size;
+            if (!leaf_sample(field, place, &stencil[(size_t)i * step]))
+                stencil[(size_t)i * step] = df_stencil_extend(stencil, step, at);
         }
     }
 }

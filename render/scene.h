@@ -48,14 +48,14 @@ const char *df_scene_structure_name(const df_scene *scene);
  * child for a leaf of an octree, whose lower corner `voxel` is; else ignored. */
 void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8]);
 
-/* The stencil of a voxel (gradient.h), values as stored; entry i goes to stencil[i * step]. Without `beyond` only the 8
- * corners of the voxel. */
-void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float *stencil,
+/* The stencil of a voxel (gradient.h), values as stored; entry i goes to stencil[i * step]. reach: DF_REACH_...,
+ * how much is filled. */
+void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int reach, float *stencil,
                       size_t step);
 
 /* The same for a leaf of an octree with edges of 2^size_log2 voxels: the samples lie that far apart. */
 void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
-                           bool beyond, float *stencil, size_t step);
+                           int reach, float *stencil, size_t step);
 
 /* The block of a voxel's coarse cell, or DF_CELL_OUTSIDE or DF_CELL_INSIDE. levels = 2 only. */
 static inline uint32_t df_scene_block(const df_scene *scene, uint32_t x, uint32_t y, uint32_t z) {

@@ -124,6 +124,12 @@ df_status df_settings_camera(const df_settings *s, const df_field *field, df_cam
         return df_fail(err, DF_ERROR_USAGE,
                        "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
     }
+    if (s->tracer && s->tracer->draws_mesh && s->has_methods) {
+        return df_fail(err, DF_ERROR_USAGE,
+                       "--tracer %s draws a mesh, which has its own hits and normals: it cannot go with --intersect, "
+                       "--steps or --gradient",
+                       s->tracer->name);
+    }
     if (s->steps && df_solve_steps(s->solve) == 0) {
         return df_fail(err, DF_ERROR_USAGE, "--steps: --intersect %s has no steps", df_solve_names[s->solve]);
     }
@@ -147,8 +153,10 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     size_t size;
     FILE *stream = open_memstream(&text, &size);
     if (!stream) return NULL;
-    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\nintersect=%s\ngradient=%s\n", s->width, s->height, s->iso,
-            s->tracer ? s->tracer->name : "auto", df_solve_names[s->solve], df_gradient_names[s->gradient]);
+    fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\n", s->width, s->height, s->iso,
+            s->tracer ? s->tracer->name : "auto");
+    if (!s->tracer || !s->tracer->draws_mesh)
+        fprintf(stream, "intersect=%s\ngradient=%s\n", df_solve_names[s->solve], df_gradient_names[s->gradient]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
     if (s->walk.packet) fprintf(stream, "packet=%u\n", s->walk.packet);

@@ -73,6 +73,7 @@ struct df_tracer {
     const char *name;
     const char *summary; /* for --help */
     bool whole_frame;    /* wants one tile, the picture, from one thread */
+    bool draws_mesh;     /* not the field: solve and gradient mean nothing to it */
     bool takes_bounds;   /* df_walk_options.bounds */
 
     /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a

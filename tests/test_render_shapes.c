@@ -280,9 +280,10 @@ static void a_plane_is_hit_exactly_and_its_normal_is_exact(void **unused) {
         hits++;
         const uint32_t voxel[3] = {set.hits[i].cell[0], set.hits[i].cell[1], set.hits[i].cell[2]};
         float stencil[64], gradient[3];
-        df_scene_stencil(&f.scene, voxel, df_scene_block(&f.scene, voxel[0], voxel[1], voxel[2]), true, stencil, 1);
+        df_scene_stencil(&f.scene, voxel, df_scene_block(&f.scene, voxel[0], voxel[1], voxel[2]), DF_REACH_ALL, stencil,
+                         1);
         for (int method = 0; method < DF_GRADIENT_COUNT; method++) {
-            df_gradient(method, stencil, set.hits[i].local, gradient);
+            df_gradient(method, stencil, set.hits[i].local, (const float[]){1, 1, 1}, gradient);
             for (int a = 0; a < 3; a++) assert_true(fabs((double)gradient[a] - (double[]){0.36, 0.48, 0.8}[a]) < 1e-5);
         }
     }

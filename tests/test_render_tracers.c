@@ -160,6 +160,11 @@ static void tracers_agree_for_every_solve_and_gradient(void **unused) {
         compare_all(&scene, &camera, 90, 70, 16, DF_SOLVE_LINEAR, gradient, df_gradient_names[gradient]);
     }
     close_scene(&field, &scene);
+    open_scene(&field, &scene, DF_FIELD_ADF, 0, 32, rings);
+    for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
+        compare_all(&scene, &camera, 90, 70, 16, DF_SOLVE_ROBUST, gradient, df_gradient_names[gradient]);
+    }
+    close_scene(&field, &scene);
 }
 
 /* Symmetric views of a box on grid planes: rays through edges and corners of voxels, ties everywhere. */

@@ -398,7 +398,7 @@ static void t32_normals_are_always_unit_vectors(void **unused) {
                 stencil[i] = scales[s] * (field == 0 ? x * y : field == 1 ? 0 : x);
             }
             for (int method = 0; method < DF_GRADIENT_COUNT; method++) {
-                df_gradient(method, stencil, (const float[]){0.5f, 0.5f, 0.5f}, gradient);
+                df_gradient(method, stencil, (const float[]){0.5f, 0.5f, 0.5f}, unit, gradient);
                 df_shade_normal(gradient, unit, toward_eye, normal);
                 const float length = sqrtf(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
                 if (!(fabsf(length - 1) < 1e-5f))

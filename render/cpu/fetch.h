@@ -111,7 +111,7 @@ static inline int df_fetch_place(int i) {
     return DF_STENCIL(i & 1, beyond[(i - 16) >> 1][0], beyond[(i - 16) >> 1][1]);
 }
 
-/* df_scene_stencil as 32 numbers. */
+/* df_scene_stencil as 32 numbers: DF_REACH_FACES, without `beyond` DF_REACH_CELL. */
 static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond,
                                     float out[DF_FETCH_STENCIL], df_sample_type type) {
     const df_field *field = scene->field;
@@ -125,7 +125,7 @@ static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[
     if (!beyond) return;
     if (!df_fetch_faces(scene, voxel, block, &f, step, faces, type)) {
         float stencil[64];
-        df_scene_stencil(scene, voxel, block, true, stencil, 1);
+        df_scene_stencil(scene, voxel, block, DF_REACH_FACES, stencil, 1);
         for (int i = 0; i < DF_FETCH_STENCIL; i++) out[i] = stencil[df_fetch_place(i)];
         return;
     }

@@ -26,19 +26,14 @@ static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint
         /* the size scales the gradient, which the normal does not feel */
         const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
         float stencil[64] = {0};
-        df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond, stencil, 1);
+        df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond ? DF_REACH_FACES : DF_REACH_CELL,
+                              stencil, 1);
         for (int n = 0; n < DF_FETCH_STENCIL; n++) in->of[i][n] = stencil[df_fetch_place(n)];
     }
 }
 
-/* The gradients of the field at hits first .. first + lanes - 1. */
-static void field_gradients(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes, stencils *in,
-                            lf gradient[3]) {
-    const df_scene *scene = job->scene;
-    const bool beyond = job->gradient != DF_GRADIENT_ANALYTIC;
-    lf stencil[64], local[3];
-    if (scene->levels == 0) fetch_leaf_stencils(scene, hits, first, lanes, beyond, in);
-    else DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_stencils, scene, hits, first, lanes, beyond, in);
+/* What is fetched, as lanes. */
+static void transpose_stencils(const stencils *in, lf stencil[64]) {
     for (int part = 0; part < DF_FETCH_STENCIL; part += 8) {
         const float *from[DF_LANES];
         lf eight[8];
@@ -46,8 +41,44 @@ static void field_gradients(const df_shade_job *job, const df_hits *hits, uint32
         lf_load_8(from, eight);
         for (int n = 0; n < 8; n++) stencil[df_fetch_place(part + n)] = eight[n];
     }
+}
+
+/* DF_REACH_ALL, as lanes. */
+static void fetch_whole_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes,
+                                 lf stencil[64]) {
+    float of[64][DF_LANES] = {{0}};
+    for (uint32_t i = 0; i < lanes; i++) {
+        const uint32_t cell[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
+        const uint32_t block = hits->block[first + i], size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
+        if (scene->levels == 0) df_scene_leaf_stencil(scene, cell, block, size_log2, DF_REACH_ALL, &of[0][i], DF_LANES);
+        else df_scene_stencil(scene, cell, block, DF_REACH_ALL, &of[0][i], DF_LANES);
+    }
+    for (int n = 0; n < 64; n++) stencil[n] = lf_load(of[n]);
+}
+
+/* 1 / the distance between the samples of each hit's stencil along the axes, world units. */
+static void inverse_steps(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes,
+                          lf inverse_step[3]) {
+    float size[DF_LANES];
+    for (uint32_t i = 0; i < DF_LANES; i++)
+        size[i] = i < lanes ? (float)(1u << (hits->flags[first + i] >> DF_HIT_SIZE_SHIFT)) : 1;
+    for (int a = 0; a < 3; a++) inverse_step[a] = lf_set(df_view_inverse_size(job->tile->view, a)) / lf_load(size);
+}
+
+/* The gradients of the field at hits first .. first + lanes - 1. */
+static void field_gradients(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes, stencils *in,
+                            lf gradient[3]) {
+    const df_scene *scene = job->scene;
+    const int reach = df_gradient_reach(job->gradient);
+    const bool beyond = reach == DF_REACH_FACES;
+    lf stencil[64], local[3], inverse_step[3] = {lf_set(1), lf_set(1), lf_set(1)};
+    if (reach == DF_REACH_ALL) fetch_whole_stencils(scene, hits, first, lanes, stencil);
+    else if (scene->levels == 0) fetch_leaf_stencils(scene, hits, first, lanes, beyond, in);
+    else DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_stencils, scene, hits, first, lanes, beyond, in);
+    if (reach != DF_REACH_ALL) transpose_stencils(in, stencil);
+    if (job->gradient == DF_GRADIENT_CREASE) inverse_steps(job, hits, first, lanes, inverse_step);
     for (int a = 0; a < 3; a++) local[a] = lf_load(hits->local[a] + first);
-    df_gradient(job->gradient, stencil, local, gradient);
+    df_gradient(job->gradient, stencil, local, inverse_step, gradient);
 }
 
 /* What a vector of hits looks like. */

@@ -18,6 +18,7 @@ typedef ulong uint64_t;
 #else
 #include <math.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 #define DF_GLOBAL
 #endif

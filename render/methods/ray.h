@@ -59,6 +59,11 @@ static inline void df_view_ray(const df_view *view, uint32_t x, uint32_t y, floa
     }
 }
 
+/* 1 / voxel size along an axis, world units. */
+static inline float df_view_inverse_size(const df_view *view, int axis) {
+    return 1.0f / (float)((double)view->relative_size[axis] * view->world_unit);
+}
+
 /* The distance from the eye, in world units, of a hit at t. */
 static inline float df_view_distance(const df_view *view, const float direction[3], double t) {
     double length = 0;

@@ -186,35 +186,41 @@ static inline void df_stencil_axis(const df_scene *scene, const uint32_t voxel[3
     }
 }
 
-static inline void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond, float stencil[64]) {
+static inline void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, int reach, float stencil[64]) {
     uint64_t row, slice, at = df_scene_index(scene, voxel, block, &row, &slice);
     for (int c = 0; c < 8; c++) {
         uint64_t index = at + (c & 1) + (c & 2 ? row : 0) + (c & 4 ? slice : 0);
         stencil[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)] = df_scene_decode(scene, index, block);
     }
-    if (!beyond) return;
+    if (reach == DF_REACH_CELL) return;
     for (int axis = 0; axis < 3; axis++) df_stencil_axis(scene, voxel, axis, stencil);
+    for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
+        for (int i = 0; i < 64; i++) {
+            const int offset[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
+            const int at[3] = {(int)voxel[0] + offset[0], (int)voxel[1] + offset[1], (int)voxel[2] + offset[2]};
+            if (df_stencil_outside(offset) != outside) continue;
+            if (!df_scene_sample(scene, at, &stencil[i])) stencil[i] = df_stencil_extend(stencil, 1, offset);
+        }
+    }
 }
 
 #ifdef DF_IMAGES
 /* df_scene_stencil with all samples from an image. */
-static inline void df_image_stencil(const df_scene *scene, __read_only image3d_t image, const uint32_t voxel[3], bool beyond,
+static inline void df_image_stencil(const df_scene *scene, __read_only image3d_t image, const uint32_t voxel[3], int reach,
                                     float stencil[64]) {
     for (int c = 0; c < 8; c++) {
         const int at[3] = {(int)voxel[0] + (c & 1), (int)voxel[1] + (c >> 1 & 1), (int)voxel[2] + (c >> 2)};
         stencil[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)] = df_image_decode(scene, image, at);
     }
-    const int stride[3] = {1, 4, 16};
-    for (int i = 0; i < 24 && beyond; i++) { /* axis, side and corner of the face */
-        const int axis = i >> 3, side = i >> 2 & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
-        const int base = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1 & 1) * stride[v];
-        int at[3] = {(int)voxel[0], (int)voxel[1], (int)voxel[2]};
-        at[axis] += side ? 2 : -1;
-        at[u] += i & 1;
-        at[v] += i >> 1 & 1;
-        const float near = stencil[base + side * stride[axis]], after = stencil[base + !side * stride[axis]];
-        const bool stored = at[axis] >= 0 && at[axis] <= (int)scene->voxel_count[axis];
-        stencil[base + (side ? 2 : -1) * stride[axis]] = stored ? df_image_decode(scene, image, at) : (near + near) - after;
+    for (int outside = 1; outside <= (reach == DF_REACH_CELL ? 0 : reach == DF_REACH_FACES ? 1 : 3); outside++) {
+        for (int i = 0; i < 64; i++) {
+            const int offset[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
+            const int at[3] = {(int)voxel[0] + offset[0], (int)voxel[1] + offset[1], (int)voxel[2] + offset[2]};
+            if (df_stencil_outside(offset) != outside) continue;
+            bool stored = true;
+            for (int a = 0; a < 3; a++) stored = stored && at[a] >= 0 && at[a] <= (int)scene->voxel_count[a];
+            stencil[i] = stored ? df_image_decode(scene, image, at) : df_stencil_extend(stencil, 1, offset);
+        }
     }
 }
 #endif

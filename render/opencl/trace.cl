@@ -115,17 +115,18 @@ __kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
     if (flags) {
         const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
         const float albedo[3] = DF_SHADE_ALBEDO;
-        float origin[3], direction[3], position[3], stencil[64], gradient[3], toward_eye[3], inverse_size[3];
+        float origin[3], direction[3], position[3], stencil[64], gradient[3], toward_eye[3], inverse_size[3], inverse_step[3];
         uint32_t voxel[3];
         double t_base;
         df_view_ray(&view, x, first_row + y, origin, direction, &t_base);
         const double t = df_solve_candidate(&scene, solve, steps, origin, direction, flags, candidates[i], voxel, position);
 #ifdef DF_IMAGES
-        df_image_stencil(&scene, image, voxel, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+        df_image_stencil(&scene, image, voxel, df_gradient_reach(gradient_method), stencil);
 #else
-        df_scene_stencil(&scene, voxel, candidates[i].z, gradient_method != DF_GRADIENT_ANALYTIC, stencil);
+        df_scene_stencil(&scene, voxel, candidates[i].z, df_gradient_reach(gradient_method), stencil);
 #endif
-        df_gradient(gradient_method, stencil, position, gradient);
+        for (int a = 0; a < 3; a++) inverse_step[a] = df_view_inverse_size(&view, a);
+        df_gradient(gradient_method, stencil, position, inverse_step, gradient);
         for (int a = 0; a < 3; a++) inverse_size[a] = 1.0f / view.relative_size[a];
         df_shade_toward_eye(direction, view.relative_size, toward_eye);
         df_shade_normal(gradient, inverse_size, toward_eye, normal);

@@ -385,10 +385,10 @@ static df_status measure_normals(lab_session *session, const subject *s, uint64_
         lab_surface_gradient(&s->surface, p, exact);
         for (int a = 0; a < 3; a++) length += exact[a] * exact[a];
         if (!(length > 0.5)) continue; /* a crease: no normal */
-        df_scene_stencil(&s->scene, voxel, block, true, stencil, 1);
+        df_scene_stencil(&s->scene, voxel, block, DF_REACH_ALL, stencil, 1);
         for (int g = 0; g < DF_GRADIENT_COUNT; g++) {
             double cross[3], cosine = 0, sine = 0;
-            df_gradient(g, stencil, local, gradient);
+            df_gradient(g, stencil, local, (const float[]){1, 1, 1}, gradient);
             df_shade_normal(gradient, (const float[]){1, 1, 1}, (const float[]){0, 0, 1}, normal);
             for (int a = 0; a < 3; a++) {
                 const int u = (a + 1) % 3, v = (a + 2) % 3;
