@@ -1,5 +1,6 @@
 /* The error of a finished field against what it was made of: at random points inside cells that a ray can hit (surface
- * voxels or leaves), the trilinear value against the signed distance. */
+ * voxels or leaves), the trilinear value against the signed distance. Cells in walls across holes, where the sign
+ * changes without a surface, are left out: they are counted as what they are (df_build_report). */
 #ifndef DF_MEASURE_H
 #define DF_MEASURE_H
 
