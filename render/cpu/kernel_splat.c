@@ -19,10 +19,10 @@
 
 enum { QUEUE_FLUSH = 4 * DF_LANES, QUEUE_ROOM = QUEUE_FLUSH + 2 * DF_LANES };
 
+/* Pairs of a voxel and a ray. */
 typedef struct queue {
     uint32_t count;
-    uint32_t block;
-    int32_t ray[QUEUE_ROOM], record[QUEUE_ROOM];
+    int32_t ray[QUEUE_ROOM], record[QUEUE_ROOM], block[QUEUE_ROOM];
     float cell[3][QUEUE_ROOM];
 } queue;
 
@@ -37,8 +37,8 @@ static int entry_axis(const df_rays *rays, uint32_t ray, const float cell[3], fl
     return axis;
 }
 
-static void voxel_of(const df_scene *scene, uint32_t block, uint32_t bit, float cell[3]) {
-    const uint32_t at = scene->block_cells[block], k = scene->k;
+static void voxel_of(const df_scene *scene, uint32_t block, uint32_t voxel, float cell[3]) {
+    const uint32_t at = scene->block_cells[block], k = scene->k, bit = DF_SURFACE_BIT(voxel);
     cell[0] = (float)(at % scene->coarse_count[0] * k + (bit & (k - 1)));
     cell[1] = (float)(at / scene->coarse_count[0] % scene->coarse_count[1] * k + (bit >> scene->k_shift & (k - 1)));
     cell[2] = (float)(at / scene->coarse_count[0] / scene->coarse_count[1] * k + (bit >> 2 * scene->k_shift));
@@ -49,8 +49,8 @@ static void keep(const df_splat_job *job, uint32_t ray, float t_in, uint32_t rec
     if (t_in > job->depth[ray]) return;
     if (t_in == job->depth[ray]) {
         float now[3], before[3];
-        voxel_of(job->scene, block, job->surface->bits[record], now);
-        voxel_of(job->scene, job->block[ray], job->surface->bits[job->record[ray]], before);
+        voxel_of(job->scene, block, job->surface->voxels[record], now);
+        voxel_of(job->scene, job->block[ray], job->surface->voxels[job->record[ray]], before);
         if (entry_axis(&job->tile->rays, ray, now, t_in) >= entry_axis(&job->tile->rays, ray, before, t_in)) return;
     }
     job->depth[ray] = t_in;
@@ -87,7 +87,7 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
     for (; bits; bits &= bits - 1) {
         const int lane = __builtin_ctz(bits);
         keep(job, (uint32_t)q->ray[first + (uint32_t)lane], t_in[lane], (uint32_t)q->record[first + (uint32_t)lane],
-             q->block, inside_bits >> lane & 1);
+             (uint32_t)q->block[first + (uint32_t)lane], inside_bits >> lane & 1);
     }
 }
 
@@ -103,6 +103,7 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
         for (uint32_t i = q->count; i < done + DF_LANES; i++) { /* pad with the last pair */
             q->ray[i] = q->ray[q->count - 1];
             q->record[i] = q->record[q->count - 1];
+            q->block[i] = q->block[q->count - 1];
             for (int a = 0; a < 3; a++) q->cell[a][i] = q->cell[a][q->count - 1];
         }
         test_pairs(job, q, done, rest);
@@ -114,51 +115,58 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
     for (uint32_t i = 0; i < rest; i++) {
         q->ray[i] = q->ray[done + i];
         q->record[i] = q->record[done + i];
+        q->block[i] = q->block[done + i];
         for (int a = 0; a < 3; a++) q->cell[a][i] = q->cell[a][done + i];
     }
     q->count = rest;
 }
 
-/* Projected bounds of DF_LANES voxels in pixels of the tile, clamped to it; empty where high < low. */
-typedef struct bounds {
-    lf x0, x1, y0, y1, t_near;
-} bounds;
+/* DF_LANES voxels: the pixels of the tile that may see their surface, inclusive, none where x1 < x0 or y1 < y0, and the
+ * least t at which they can. */
+typedef struct voxels {
+    float cell[3][DF_LANES];
+    int32_t x0[DF_LANES], x1[DF_LANES], y0[DF_LANES], y1[DF_LANES];
+    float t_near[DF_LANES];
+} voxels;
 
-static bounds project(const df_splat_job *job, const lf cell[3]) {
+/* Returns which of the voxels with boxes around `centre`, to both sides `half`, may be seen. */
+static lm project(const df_splat_job *job, const lf centre[3], const lf half[3], voxels *out) {
     const df_projection *p = job->projection;
     const df_tile *tile = job->tile;
-    const lf half = lf_set(0.5f), zero = lf_set(0), margin = lf_set(MARGIN);
+    const lf zero = lf_set(0), one = lf_set(1), margin = lf_set(MARGIN);
     const lf last_x = lf_set((float)(tile->width - 1)), last_y = lf_set((float)(tile->height - 1));
-    lf from_eye[3], w, u, v;
-    for (int a = 0; a < 3; a++) from_eye[a] = cell[a] + lf_set(0.5f - p->eye[a]);
-    w = lf_set(p->rows[0][0]) * from_eye[0] + lf_set(p->rows[0][1]) * from_eye[1] + lf_set(p->rows[0][2]) * from_eye[2];
-    u = lf_set(p->rows[1][0]) * from_eye[0] + lf_set(p->rows[1][1]) * from_eye[1] + lf_set(p->rows[1][2]) * from_eye[2];
-    v = lf_set(p->rows[2][0]) * from_eye[0] + lf_set(p->rows[2][1]) * from_eye[1] + lf_set(p->rows[2][2]) * from_eye[2];
-    const lf reach_w = lf_set(0.5f * (fabsf(p->rows[0][0]) + fabsf(p->rows[0][1]) + fabsf(p->rows[0][2])));
-    const lf nearest = w - reach_w;
-    const lm beside = lf_lt(nearest, lf_set(NEAR_DEPTH)); /* at or behind the eye's plane: no bounds */
-    const lf inverse_w = lf_set(1) / lf_select(beside, lf_set(1), w),
-             inverse_near = lf_set(1) / lf_select(beside, lf_set(1), nearest);
-    u = u * inverse_w;
-    v = v * inverse_w;
-    lf reach_u = zero, reach_v = zero;
-    for (int a = 0; a < 3; a++) {
-        reach_u = reach_u + lf_abs(lf_set(p->rows[1][a]) - u * lf_set(p->rows[0][a]));
-        reach_v = reach_v + lf_abs(lf_set(p->rows[2][a]) - v * lf_set(p->rows[0][a]));
+    lf from_eye[3], at[3], reach[3];
+    for (int a = 0; a < 3; a++) from_eye[a] = centre[a] - lf_set(p->eye[a]);
+    for (int i = 0; i < 3; i++) {
+        at[i] = lf_set(p->rows[i][0]) * from_eye[0] + lf_set(p->rows[i][1]) * from_eye[1] +
+                lf_set(p->rows[i][2]) * from_eye[2];
     }
-    reach_u = reach_u * half * inverse_near + margin;
-    reach_v = reach_v * half * inverse_near + margin;
-    u = u - lf_set((float)tile->x);
-    v = v - lf_set((float)tile->y);
-    bounds b;
-    b.x0 = lf_select(beside, zero, lf_max(zero - lf_floor(zero - lf_max(u - reach_u, zero - lf_set(1))), zero));
-    b.y0 = lf_select(beside, zero, lf_max(zero - lf_floor(zero - lf_max(v - reach_v, zero - lf_set(1))), zero));
-    b.x1 = lf_select(beside, last_x, lf_min(lf_floor(lf_min(u + reach_u, last_x)), last_x));
-    b.y1 = lf_select(beside, last_y, lf_min(lf_floor(lf_min(v + reach_v, last_y)), last_y));
-    b.t_near = lf_select(beside, zero, nearest * lf_set(0.99999f));
-    const lm behind = lf_lt(w + reach_w, zero);
-    b.x1 = lf_select(behind, zero - lf_set(1), b.x1);
-    return b;
+    reach[0] = lf_set(fabsf(p->rows[0][0])) * half[0] + lf_set(fabsf(p->rows[0][1])) * half[1] +
+               lf_set(fabsf(p->rows[0][2])) * half[2];
+    const lf nearest = at[0] - reach[0];
+    const lm beside = lf_lt(nearest, lf_set(NEAR_DEPTH)); /* at or behind the eye's plane: no bounds */
+    const lf inverse_w = one / lf_select(beside, one, at[0]), inverse_near = one / lf_select(beside, one, nearest);
+    lf low[2], high[2];
+    for (int i = 0; i < 2; i++) {
+        const lf u = at[1 + i] * inverse_w, first = lf_set((float)(i == 0 ? tile->x : tile->y));
+        lf sum = zero;
+        for (int a = 0; a < 3; a++) {
+            sum = sum + lf_abs(lf_set(p->rows[1 + i][a]) - u * lf_set(p->rows[0][a])) * half[a];
+        }
+        sum = sum * inverse_near + margin;
+        const lf last = i == 0 ? last_x : last_y;
+        low[i] = zero - lf_floor(zero - lf_max((u - first) - sum, zero));
+        high[i] = lf_floor(lf_min((u - first) + sum, last));
+        low[i] = lf_select(beside, zero, low[i]);
+        high[i] = lf_select(beside, last, high[i]);
+    }
+    li_store(out->x0, li_from_lf(low[0]));
+    li_store(out->y0, li_from_lf(low[1]));
+    li_store(out->x1, li_from_lf(high[0]));
+    li_store(out->y1, li_from_lf(high[1]));
+    lf_store(out->t_near, lf_select(beside, zero, nearest * lf_set(0.99999f)));
+    const lm ahead = lf_le(zero, at[0] + reach[0]);
+    return lm_and(ahead, lm_and(lf_le(low[0], high[0]), lf_le(low[1], high[1])));
 }
 
 /* False where all pixels of the block's rectangle already hold something nearer. */
@@ -180,34 +188,64 @@ static int block_may_show(const df_splat_job *job, const df_block_rect *rect) {
     return 0;
 }
 
-/* Queues the pairs of DF_LANES voxels with the pixels of their bounds, as far as nothing nearer is there yet. */
-static void queue_pairs(const df_splat_job *job, queue *q, const lf cell[3], li record, const bounds *b, lm valid,
-                        df_counters *counters) {
-    const lf width = lf_set((float)job->tile->width);
-    for (lf y = b->y0; lm_any(valid); y = y + lf_set(1)) {
-        valid = lm_and(valid, lf_le(y, b->y1));
-        lm row = valid;
-        for (lf x = b->x0; lm_any(row); x = x + lf_set(1)) {
-            row = lm_and(row, lf_le(x, b->x1));
-            const li ray = li_from_lf(lf_select(row, y * width + x, lf_set(0)));
-            const lm open = lm_and(row, lf_le(b->t_near, lf_gather(job->depth, ray)));
-            const uint32_t bits = lm_bits(open);
-            if (!bits) continue;
-            li_compress(q->ray + q->count, open, ray);
-            li_compress(q->record + q->count, open, record);
-            for (int a = 0; a < 3; a++) lf_compress(q->cell[a] + q->count, open, cell[a]);
-            q->count += (uint32_t)__builtin_popcount(bits);
-            if (q->count >= QUEUE_FLUSH) flush(job, q, 0, counters);
-        }
+/* Completes the pairs from entry `first` of the queue on: all are of voxel `i`. */
+static void name_voxel(queue *q, uint32_t first, const voxels *of, int i, uint32_t record, uint32_t block) {
+    for (uint32_t at = first; at < q->count; at += DF_LANES) {
+        li_store(q->record + at, li_set((int32_t)record));
+        li_store(q->block + at, li_set((int32_t)block));
+        for (int a = 0; a < 3; a++) lf_store(q->cell[a] + at, lf_set(of->cell[a][i]));
     }
 }
 
+/* Queues the pairs of voxel `i` with the pixels of its bounds, as far as nothing nearer is there yet. */
+static void queue_pairs(const df_splat_job *job, queue *q, const voxels *of, int i, uint32_t record, uint32_t block,
+                        li lane, df_counters *counters) {
+    const int32_t width = (int32_t)job->tile->width;
+    const lf t_near = lf_set(of->t_near[i]);
+    uint32_t first = q->count;
+    for (int32_t y = of->y0[i]; y <= of->y1[i]; y++) {
+        for (int32_t x = of->x0[i]; x <= of->x1[i]; x += DF_LANES) {
+            const int32_t ray = y * width + x;
+            const lm open = lm_and(lf_le(t_near, lf_load(job->depth + ray)), lm_first((uint32_t)(of->x1[i] - x + 1)));
+            li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
+            q->count += (uint32_t)__builtin_popcount(lm_bits(open));
+            if (q->count < QUEUE_FLUSH) continue;
+            name_voxel(q, first, of, i, record, block);
+            flush(job, q, 0, counters);
+            first = q->count;
+        }
+    }
+    name_voxel(q, first, of, i, record, block);
+}
+
+/* DF_LANES records of a block from `first` on, of which the first `count` count. */
+static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, const float corner[3], uint32_t first,
+                         uint32_t count, li lane, df_counters *counters) {
+    const int shift = job->scene->k_shift;
+    const li mask = li_set((int32_t)job->scene->k - 1), eighth = li_set(7);
+    const li voxel = li_load((const int32_t *)job->surface->voxels + first);
+    voxels of;
+    lf centre[3], half[3];
+    for (int a = 0; a < 3; a++) {
+        const lf low = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_LOW + 3 * a), eighth));
+        const lf high = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_HIGH + 3 * a), eighth)) + lf_set(1);
+        const lf cell = lf_from_li(li_and(li_shift_right(voxel, a * shift), mask)) + lf_set(corner[a]);
+        lf_store(of.cell[a], cell);
+        centre[a] = cell + (low + high) * lf_set(1.0f / 16);
+        half[a] = (high - low) * lf_set(1.0f / 16);
+    }
+    const lm seen = lm_and(project(job, centre, half, &of), lm_first(count));
+    for (uint32_t bits = lm_bits(seen); bits; bits &= bits - 1) {
+        const int i = __builtin_ctz(bits);
+        queue_pairs(job, q, &of, i, first + (uint32_t)i, block, lane, counters);
+    }
+    counters->fine_steps += count;
+}
+
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) {
-    const df_scene *scene = job->scene;
     const df_surface *surface = job->surface;
     int32_t iota[DF_LANES];
     for (int i = 0; i < DF_LANES; i++) iota[i] = i;
-    const li lane = li_load(iota), mask = li_set((int32_t)scene->k - 1);
     queue q;
     q.count = 0;
     for (uint32_t n = 0; n < job->count; n++) {
@@ -216,20 +254,11 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
         counters->coarse_steps++;
         if (!block_may_show(job, rect)) continue;
         float corner[3];
-        voxel_of(scene, block, 0, corner);
-        q.block = block;
+        voxel_of(job->scene, block, 0, corner);
         for (uint32_t first = surface->first[block]; first < last; first += DF_LANES) {
-            const li bits = li_load_u16(surface->bits + first);
-            const li x = li_and(bits, mask), y = li_and(li_shift_right(bits, scene->k_shift), mask);
-            const li z = li_shift_right(bits, 2 * scene->k_shift);
-            const lf cell[3] = {lf_from_li(x) + lf_set(corner[0]), lf_from_li(y) + lf_set(corner[1]),
-                                lf_from_li(z) + lf_set(corner[2])};
-            const bounds b = project(job, cell);
-            lm valid = lm_and(lf_le(b.x0, b.x1), lf_le(b.y0, b.y1));
-            valid = lm_and(valid, lf_lt(lf_from_li(lane), lf_set((float)(last - first))));
-            counters->fine_steps += last - first < DF_LANES ? last - first : DF_LANES;
-            if (lm_any(valid)) queue_pairs(job, &q, cell, li_add(li_set((int32_t)first), lane), &b, valid, counters);
+            const uint32_t count = last - first < DF_LANES ? last - first : DF_LANES;
+            splat_voxels(job, &q, block, corner, first, count, li_load(iota), counters);
         }
-        flush(job, &q, 1, counters);
     }
+    flush(job, &q, 1, counters);
 }

@@ -19,11 +19,16 @@ typedef struct df_shade_job {
     float *depth, *normals;
 } df_shade_job;
 
-/* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. */
+/* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. A
+ * record tells the voxel's bit in its block's mask and a box around the surface in it, in eighths of the voxel: by axis
+ * 3 bits for where it begins and 3 for the last eighth that it reaches. */
+#define DF_SURFACE_BIT(voxel) ((voxel)&0x1FFu)
+#define DF_SURFACE_LOW 9
+#define DF_SURFACE_HIGH 18
 typedef struct df_surface {
-    const uint32_t *first; /* by block: index of its first record; first[block_count] is the number of records */
-    const uint16_t *bits;  /* by record: bit of the voxel in its block's mask */
-    const float *corners;  /* by record: 8 values minus iso */
+    const uint32_t *first;  /* by block: index of its first record; first[block_count] is the number of records */
+    const uint32_t *voxels; /* by record, padded by DF_RAY_PADDING */
+    const float *corners;   /* by record: 8 values minus iso */
     uint32_t record_count;
 } df_surface;
 

@@ -28,7 +28,7 @@ typedef struct splat_state {
     df_trace_options options;
     df_surface surface;
     uint32_t *first;
-    uint16_t *bits;
+    uint32_t *voxels;
     float *corners;
     splat_worker *workers;
 
@@ -54,7 +54,7 @@ static void splat_release(void *opaque) {
     }
     free(state->workers);
     free(state->first);
-    free(state->bits);
+    free(state->voxels);
     free(state->corners);
     free(state->rects);
     free(state->sorted);
@@ -71,9 +71,48 @@ static void block_corner(const df_scene *scene, uint32_t block, uint32_t corner[
     corner[2] = at / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
 }
 
+/* Where a line of 8 samples on the faces before and after a voxel lets the surface begin: the largest s in [0,1] such
+ * that no value between the faces at 0 and s comes within `least` of 0. face[0], face[1]: 4 corners each. */
+static double surface_begin(const float face[2][4], double least) {
+    const double sign = face[0][0] < 0 ? -1 : 1;
+    double begin = 1;
+    for (int i = 0; i < 4; i++) {
+        const double low = sign * (double)face[0][i], high = sign * (double)face[1][i];
+        if (low <= least) return 0;
+        if (high < least) begin = fmin(begin, (low - least) / (low - high));
+    }
+    return begin;
+}
+
+/*
+ * The record of a voxel. The box holds all points where the field's magnitude is not far above what rounding makes of
+ * 0, widened by what rounding does to places: no ray that any arithmetic lets hit the voxel passes it by.
+ */
+static uint32_t surface_voxel(uint32_t bit, const float corner[8], double margin) {
+    uint32_t voxel = bit;
+    float largest = 0;
+    for (int c = 0; c < 8; c++) largest = fmaxf(largest, fabsf(corner[c]));
+    for (int a = 0; a < 3; a++) {
+        float faces[2][4];
+        const int u = 1 << (a + 1) % 3, v = 1 << (a + 2) % 3;
+        for (int i = 0; i < 8; i++) faces[i >> 2][i & 3] = corner[(i & 1 ? u : 0) + (i & 2 ? v : 0) + (i & 4 ? 1 << a : 0)];
+        const double least = 1e-5 * (double)largest, low = surface_begin(faces, least) - margin;
+        const float back[2][4] = {{faces[1][0], faces[1][1], faces[1][2], faces[1][3]},
+                                  {faces[0][0], faces[0][1], faces[0][2], faces[0][3]}};
+        const double high = 1 - surface_begin(back, least) + margin;
+        voxel |= (uint32_t)fmax(0, floor(8 * low)) << (DF_SURFACE_LOW + 3 * a);
+        voxel |= (uint32_t)fmin(7, floor(8 * high)) << (DF_SURFACE_HIGH + 3 * a);
+    }
+    return voxel;
+}
+
 static void fill_records(splat_state *state, uint32_t block) {
     const df_scene *scene = state->scene;
     const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
+    const uint32_t *count = scene->voxel_count;
+    const uint32_t longest = count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2])
+                                                 : (count[1] > count[2] ? count[1] : count[2]);
+    const double margin = 1.0 / 64 + longest * 0x1p-20;
     uint32_t record = state->first[block], corner[3];
     block_corner(scene, block, corner);
     for (uint32_t w = 0; w < words; w++) {
@@ -81,8 +120,8 @@ static void fill_records(splat_state *state, uint32_t block) {
             const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
             const uint32_t voxel[3] = {corner[0] + (bit & k_mask), corner[1] + (bit >> scene->k_shift & k_mask),
                                        corner[2] + (bit >> 2 * scene->k_shift)};
-            state->bits[record] = (uint16_t)bit;
             df_scene_corners(scene, voxel, block, state->corners + 8 * (size_t)record);
+            state->voxels[record] = surface_voxel(bit, state->corners + 8 * (size_t)record, margin);
         }
     }
     assert(record == state->first[block + 1]);
@@ -105,13 +144,13 @@ static df_status make_records(splat_state *state, df_error *err) {
         }
     }
     state->first[scene->block_count] = (uint32_t)count;
-    status = df_alloc((void **)&state->bits, count + DF_RAY_PADDING, sizeof *state->bits, "surface records", err);
+    status = df_alloc((void **)&state->voxels, count + DF_RAY_PADDING, sizeof *state->voxels, "surface records", err);
     if (status == DF_OK)
         status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
     if (status != DF_OK) return status;
 #pragma omp parallel for schedule(dynamic, 64) num_threads(state->options.threads)
     for (uint32_t block = 0; block < scene->block_count; block++) fill_records(state, block);
-    state->surface = (df_surface){state->first, state->bits, state->corners, (uint32_t)count};
+    state->surface = (df_surface){state->first, state->voxels, state->corners, (uint32_t)count};
     return DF_OK;
 }
 
@@ -154,7 +193,7 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
 
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
-    return state->surface.record_count * (8 * sizeof *state->corners + sizeof *state->bits) +
+    return state->surface.record_count * (8 * sizeof *state->corners + sizeof *state->voxels) +
            state->scene->block_count * (sizeof *state->first + 2 * sizeof *state->rects);
 }
 
@@ -344,7 +383,7 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
     uint32_t count = 0;
     for (uint32_t i = 0; i < rays; i++) {
         if (!(worker->depth[i] < INFINITY)) continue;
-        const uint32_t block = worker->block[i], bit = state->bits[worker->record[i]], k_mask = state->scene->k - 1;
+        const uint32_t block = worker->block[i], bit = DF_SURFACE_BIT(state->voxels[worker->record[i]]), k_mask = state->scene->k - 1;
         uint32_t corner[3];
         block_corner(state->scene, block, corner);
         worker->candidates[count++] =
