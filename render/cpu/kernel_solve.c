@@ -14,12 +14,10 @@
  * converged to far less, as its order is 1.44. The same as in hit.h. */
 #define SOLVE_TOLERANCE 1e-8
 
-enum { N = DF_DOUBLE_LANES };
-
-/* The inputs of DF_LANES cells as columns. */
+/* The inputs of DF_LANES cells. */
 typedef struct batch {
-    float origin[3][DF_LANES], direction[3][DF_LANES], cell[3][DF_LANES], size[DF_LANES], corner[8][DF_LANES],
-        inside[DF_LANES];
+    lf origin[3], direction[3], cell[3], size, corner[8];
+    lf inside; /* 1 or 0 */
 } batch;
 
 static inline void fetch_corners(const df_scene *scene, const df_candidate *candidates, uint32_t lanes,
@@ -33,9 +31,8 @@ static inline void fetch_corners(const df_scene *scene, const df_candidate *cand
 /* Lanes past the last candidate repeat it. */
 static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *candidates, uint32_t lanes,
                    batch *in) {
-    float corners[DF_LANES][8];
+    float corners[DF_LANES][8], column[11][DF_LANES];
     const float *from[DF_LANES];
-    lf corner[8];
     if (scene->levels) {
         DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_corners, scene, candidates, lanes, corners);
     } else {
@@ -45,16 +42,22 @@ static void gather(const df_scene *scene, const df_rays *rays, const df_candidat
         const uint32_t lane = i < lanes ? i : lanes - 1;
         const df_candidate *c = &candidates[lane];
         for (int a = 0; a < 3; a++) {
-            in->origin[a][i] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
-            in->direction[a][i] = rays->direction[a][c->ray];
-            in->cell[a][i] = (float)c->cell[a];
+            column[a][i] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
+            column[3 + a][i] = rays->direction[a][c->ray];
+            column[6 + a][i] = (float)c->cell[a];
         }
-        in->size[i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
-        in->inside[i] = c->flags & DF_HIT_BACK ? 1 : 0;
+        column[9][i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
+        column[10][i] = c->flags & DF_HIT_BACK ? 1 : 0;
         from[i] = corners[lane];
     }
-    lf_load_8(from, corner);
-    for (int k = 0; k < 8; k++) lf_store(in->corner[k], corner[k]);
+    for (int a = 0; a < 3; a++) {
+        in->origin[a] = lf_load(column[a]);
+        in->direction[a] = lf_load(column[3 + a]);
+        in->cell[a] = lf_load(column[6 + a]);
+    }
+    in->size = lf_load(column[9]);
+    in->inside = lf_load(column[10]);
+    lf_load_8(from, in->corner);
 }
 
 /* The closed form is no text of lanes: isolation as always, then the root inside the bracket, lane by lane. */
@@ -62,51 +65,49 @@ static ld solve_analytic(const ld bernstein[4], ldm inside) {
     ld bern[4] = {bernstein[0], bernstein[1], bernstein[2], bernstein[3]}, extremum;
     df_cubic_scale_f64(bern);
     df_bracket_f64 part = df_isolate_f64(bern, inside, &extremum);
-    double b[4][N], low[N], high[N], s[N];
+    double b[4][DF_DOUBLE_LANES], low[DF_DOUBLE_LANES], high[DF_DOUBLE_LANES], s[DF_DOUBLE_LANES];
     for (int i = 0; i < 4; i++) ld_store(b[i], bern[i]);
     ld_store(low, part.low);
     ld_store(high, part.high);
-    for (int i = 0; i < N; i++)
+    for (int i = 0; i < DF_DOUBLE_LANES; i++)
         s[i] = df_cubic_first_root((const double[4]){b[0][i], b[1][i], b[2][i], b[3][i]}, low[i], high[i]);
     return ld_select(part.found, ld_load(s), df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, ld_set(0)));
 }
 
-/* N cells of a batch from lane `first` on. size: of the cells; a constant 1 where it is known, which saves a division.
- */
-static inline void solve_part(const batch *in, int first, ld size, const df_trace_options *options, int steps,
-                              double *t, float *const local[3]) {
-    ld origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
-    for (int a = 0; a < 3; a++) {
-        origin[a] = ld_load_f32(in->origin[a] + first);
-        direction[a] = ld_load_f32(in->direction[a] + first);
-        inverse[a] = ld_set(1) / direction[a];
-        cell[a] = ld_load_f32(in->cell[a] + first);
+/* Solves a batch for the hits from `at` on. size_is_1: of all cells, which saves a division. */
+static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
+                               uint32_t at) {
+    const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
+    for (int part = 0; part < DF_LANES / DF_DOUBLE_LANES; part++, at += DF_DOUBLE_LANES) {
+        ld origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
+        for (int a = 0; a < 3; a++) {
+            origin[a] = ld_part(in->origin[a], part);
+            direction[a] = ld_part(in->direction[a], part);
+            inverse[a] = ld_set(1) / direction[a];
+            cell[a] = ld_part(in->cell[a], part);
+        }
+        for (int k = 0; k < 8; k++) corner[k] = ld_part(in->corner[k], part);
+        const ldm inside = ld_lt(ld_set(0), ld_part(in->inside, part));
+        const ld size = size_is_1 ? ld_set(1) : ld_part(in->size, part);
+        df_segment_f64 segment;
+        df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment);
+        df_bernstein_f64(corner, segment.a, segment.b, bern);
+        const ld s = options->solve == DF_SOLVE_ANALYTIC
+                         ? solve_analytic(bern, inside)
+                         : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
+        ld_store(hits->t + at, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
+        for (int a = 0; a < 3; a++) ld_store_f32(hits->local[a] + at, df_lerp_f64(segment.a[a], segment.b[a], s));
     }
-    for (int k = 0; k < 8; k++) corner[k] = ld_load_f32(in->corner[k] + first);
-    const ldm inside = ld_lt(ld_set(0), ld_load_f32(in->inside + first));
-    df_segment_f64 segment;
-    df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment);
-    df_bernstein_f64(corner, segment.a, segment.b, bern);
-    ld s = options->solve == DF_SOLVE_ANALYTIC
-               ? solve_analytic(bern, inside)
-               : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
-    ld_store(t + first, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
-    for (int a = 0; a < 3; a++) ld_store_f32(local[a] + first, df_lerp_f64(segment.a[a], segment.b[a], s));
 }
 
 void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
                                 const df_candidate *candidates, uint32_t count, df_hits *hits) {
     assert(hits->count + count <= hits->capacity);
-    const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
     for (uint32_t first = 0; first < count; first += DF_LANES) {
         const uint32_t at = hits->count, lanes = count - first < DF_LANES ? count - first : DF_LANES;
         batch in;
         gather(scene, rays, candidates + first, lanes, &in);
-        float *const local[3] = {hits->local[0] + at, hits->local[1] + at, hits->local[2] + at};
-        for (int part = 0; part < DF_LANES; part += N) {
-            if (scene->levels) solve_part(&in, part, ld_set(1), options, steps, hits->t + at, local);
-            else solve_part(&in, part, ld_load_f32(in.size + part), options, steps, hits->t + at, local);
-        }
+        solve_batch(&in, scene->levels, options, hits, at);
         for (uint32_t i = 0; i < lanes; i++) {
             const df_candidate *c = &candidates[first + i];
             hits->ray[at + i] = c->ray;
@@ -116,5 +117,57 @@ void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *o
             if (rays->t_base) hits->t[at + i] += rays->t_base[c->ray];
         }
         hits->count += lanes;
+    }
+}
+
+/* What splatting found for DF_LANES rays, for the hits from `at` on. */
+static void take_splats(const df_splat_job *job, const int32_t ray[DF_LANES], batch *in, df_hits *hits, uint32_t at) {
+    const df_surface *surface = job->surface;
+    const df_rays *rays = &job->tile->rays;
+    const li rays_of = li_load(ray), found = li_gather((const int32_t *)job->record, rays_of);
+    const li block = li_gather((const int32_t *)job->block, rays_of), back = li_shift_right(found, 31),
+             record = li_and(found, li_set((int32_t)~DF_SPLAT_BACK)), mask = li_set((int32_t)job->scene->k - 1);
+    const li voxel = li_gather((const int32_t *)surface->voxels, record);
+    const float *from[DF_LANES];
+    int32_t records[DF_LANES], backs[DF_LANES];
+    li_store(records, record);
+    li_store(backs, back);
+    li_store((int32_t *)hits->ray + at, rays_of);
+    li_store((int32_t *)hits->block + at, block);
+    for (int a = 0; a < 3; a++) {
+        const li cell = li_add(li_gather((const int32_t *)surface->corner[a], block),
+                               li_and(li_shift_right(voxel, a * (int)job->scene->k_shift), mask));
+        li_store_u16(hits->cell[a] + at, cell);
+        in->cell[a] = lf_from_li(cell);
+        in->origin[a] = lf_set(rays->origin[a][0]);
+        in->direction[a] = lf_gather(rays->direction[a], rays_of);
+    }
+    in->inside = lf_from_li(back);
+    for (int i = 0; i < DF_LANES; i++) {
+        hits->flags[at + (uint32_t)i] = (uint8_t)backs[i];
+        from[i] = surface->corners + 8 * (ptrdiff_t)records[i];
+    }
+    lf_load_8(from, in->corner);
+}
+
+void DF_KERNEL(df_kernel_splat_solve)(const df_splat_job *job, const df_trace_options *options, df_hits *hits) {
+    const uint32_t rays = job->tile->rays.count;
+    int32_t lane[DF_LANES], ray[2 * DF_LANES];
+    uint32_t waiting = 0;
+    for (int i = 0; i < DF_LANES; i++) lane[i] = i;
+    for (uint32_t first = 0; first < rays || waiting; first += DF_LANES) {
+        lm hit = lm_first(0);
+        if (first < rays) hit = lf_lt(lf_load(job->depth + first), lf_set(INFINITY));
+        li_compress(ray + waiting, hit, li_add(li_load(lane), li_set((int32_t)first)));
+        waiting += (uint32_t)__builtin_popcount(lm_bits(hit));
+        if (waiting < DF_LANES && first < rays) continue;
+        const uint32_t lanes = waiting < DF_LANES ? waiting : DF_LANES;
+        for (uint32_t i = lanes; i < DF_LANES; i++) ray[i] = ray[0];
+        batch in;
+        take_splats(job, ray, &in, hits, hits->count);
+        solve_batch(&in, true, options, hits, hits->count);
+        hits->count += lanes;
+        waiting -= lanes;
+        li_store(ray, li_load(ray + DF_LANES));
     }
 }

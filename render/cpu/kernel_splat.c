@@ -37,11 +37,12 @@ static int entry_axis(const df_rays *rays, uint32_t ray, const float cell[3], fl
     return axis;
 }
 
-static void voxel_of(const df_scene *scene, uint32_t block, uint32_t voxel, float cell[3]) {
-    const uint32_t at = scene->block_cells[block], k = scene->k, bit = DF_SURFACE_BIT(voxel);
-    cell[0] = (float)(at % scene->coarse_count[0] * k + (bit & (k - 1)));
-    cell[1] = (float)(at / scene->coarse_count[0] % scene->coarse_count[1] * k + (bit >> scene->k_shift & (k - 1)));
-    cell[2] = (float)(at / scene->coarse_count[0] / scene->coarse_count[1] * k + (bit >> 2 * scene->k_shift));
+static void voxel_of(const df_splat_job *job, uint32_t block, uint32_t record, float cell[3]) {
+    const df_surface *surface = job->surface;
+    for (int a = 0; a < 3; a++) {
+        const uint32_t within = surface->voxels[record] >> a * (int)job->scene->k_shift & (job->scene->k - 1);
+        cell[a] = (float)(surface->corner[a][block] + within);
+    }
 }
 
 /* Keeps an accepted voxel where it is the nearest so far. */
@@ -49,14 +50,13 @@ static void keep(const df_splat_job *job, uint32_t ray, float t_in, uint32_t rec
     if (t_in > job->depth[ray]) return;
     if (t_in == job->depth[ray]) {
         float now[3], before[3];
-        voxel_of(job->scene, block, job->surface->voxels[record], now);
-        voxel_of(job->scene, job->block[ray], job->surface->voxels[job->record[ray]], before);
+        voxel_of(job, block, record, now);
+        voxel_of(job, job->block[ray], job->record[ray] & ~DF_SPLAT_BACK, before);
         if (entry_axis(&job->tile->rays, ray, now, t_in) >= entry_axis(&job->tile->rays, ray, before, t_in)) return;
     }
     job->depth[ray] = t_in;
-    job->record[ray] = record;
+    job->record[ray] = inside ? record | DF_SPLAT_BACK : record;
     job->block[ray] = block;
-    job->flags[ray] = inside ? DF_HIT_BACK : 0;
 }
 
 /* Tests DF_LANES pairs from entry `first` of the queue; only the first `count` are real. */
@@ -219,8 +219,8 @@ static void queue_pairs(const df_splat_job *job, queue *q, const voxels *of, int
 }
 
 /* DF_LANES records of a block from `first` on, of which the first `count` count. */
-static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, const float corner[3], uint32_t first,
-                         uint32_t count, li lane, df_counters *counters) {
+static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, uint32_t first, uint32_t count, li lane,
+                         df_counters *counters) {
     const int shift = job->scene->k_shift;
     const li mask = li_set((int32_t)job->scene->k - 1), eighth = li_set(7);
     const li voxel = li_load((const int32_t *)job->surface->voxels + first);
@@ -229,7 +229,8 @@ static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, cons
     for (int a = 0; a < 3; a++) {
         const lf low = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_LOW + 3 * a), eighth));
         const lf high = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_HIGH + 3 * a), eighth)) + lf_set(1);
-        const lf cell = lf_from_li(li_and(li_shift_right(voxel, a * shift), mask)) + lf_set(corner[a]);
+        const lf cell = lf_from_li(
+            li_add(li_and(li_shift_right(voxel, a * shift), mask), li_set((int32_t)job->surface->corner[a][block])));
         lf_store(of.cell[a], cell);
         centre[a] = cell + (low + high) * lf_set(1.0f / 16);
         half[a] = (high - low) * lf_set(1.0f / 16);
@@ -253,11 +254,9 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
         const uint32_t block = rect->block, last = surface->first[block + 1];
         counters->coarse_steps++;
         if (!block_may_show(job, rect)) continue;
-        float corner[3];
-        voxel_of(job->scene, block, 0, corner);
         for (uint32_t first = surface->first[block]; first < last; first += DF_LANES) {
             const uint32_t count = last - first < DF_LANES ? last - first : DF_LANES;
-            splat_voxels(job, &q, block, corner, first, count, li_load(iota), counters);
+            splat_voxels(job, &q, block, first, count, li_load(iota), counters);
         }
     }
     flush(job, &q, 1, counters);

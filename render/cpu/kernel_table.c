@@ -17,5 +17,6 @@ const df_kernels DF_KERNEL(df_kernels) = {
     .cgt = DF_KERNEL(df_kernel_cgt),
     .packet = DF_KERNEL(df_kernel_packet),
     .splat = DF_KERNEL(df_kernel_splat),
+    .splat_solve = DF_KERNEL(df_kernel_splat_solve),
     .shade = DF_KERNEL(df_kernel_shade),
 };

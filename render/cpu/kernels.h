@@ -26,9 +26,10 @@ typedef struct df_shade_job {
 #define DF_SURFACE_LOW 9
 #define DF_SURFACE_HIGH 18
 typedef struct df_surface {
-    const uint32_t *first;  /* by block: index of its first record; first[block_count] is the number of records */
-    const uint32_t *voxels; /* by record, padded by DF_RAY_PADDING */
-    const float *corners;   /* by record: 8 values minus iso */
+    const uint32_t *first;     /* by block: index of its first record; first[block_count] is the number of records */
+    const uint32_t *voxels;    /* by record, padded by DF_RAY_PADDING */
+    const float *corners;      /* by record: 8 values minus iso */
+    const uint32_t *corner[3]; /* by block: its lower corner in voxels */
     uint32_t record_count;
 } df_surface;
 
@@ -55,11 +56,12 @@ typedef struct df_splat_job {
     const df_block_rect *rects; /* all blocks of the view */
     const uint32_t *order;      /* indices of rects */
     uint32_t count;
-    int isolate;              /* DF_SOLVE_ISOLATES */
-    float *depth;             /* by ray, INFINITY at first: t of entry into the accepted voxel */
-    uint32_t *record, *block; /* by ray */
-    uint8_t *flags;           /* by ray, DF_HIT_... */
+    int isolate;      /* DF_SOLVE_ISOLATES */
+    float *depth;     /* by ray, INFINITY at first: t of entry into the accepted voxel */
+    uint32_t *record; /* by ray, with DF_SPLAT_BACK where the ray comes from inside */
+    uint32_t *block;  /* by ray */
 } df_splat_job;
+#define DF_SPLAT_BACK 0x80000000u
 
 /* A tile of rays for the packet tracers. */
 #define DF_CGT_PACKET_MAX 32u
@@ -92,6 +94,9 @@ struct df_kernels {
 
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);
+
+    /* Solves them and appends them to hits. */
+    void (*splat_solve)(const df_splat_job *job, const df_trace_options *options, df_hits *hits);
 
     /* Gradient, normal, light and depth of hits, written to their pixels. */
     void (*shade)(const df_shade_job *job, const df_hits *hits);

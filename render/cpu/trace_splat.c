@@ -19,8 +19,6 @@
 typedef struct splat_worker {
     float *depth;
     uint32_t *record, *block;
-    uint8_t *flags;
-    df_candidate *candidates;
 } splat_worker;
 
 typedef struct splat_state {
@@ -30,6 +28,7 @@ typedef struct splat_state {
     uint32_t *first;
     uint32_t *voxels;
     float *corners;
+    uint32_t *corner; /* surface.corner, one axis after the other */
     splat_worker *workers;
 
     /* Of the current view. */
@@ -49,26 +48,17 @@ static void splat_release(void *opaque) {
         free(state->workers[i].depth);
         free(state->workers[i].record);
         free(state->workers[i].block);
-        free(state->workers[i].flags);
-        free(state->workers[i].candidates);
     }
     free(state->workers);
     free(state->first);
     free(state->voxels);
     free(state->corners);
+    free(state->corner);
     free(state->rects);
     free(state->sorted);
     free(state->tile_first);
     free(state->entries);
     free(state);
-}
-
-/* Lower corner of a block in voxels. */
-static void block_corner(const df_scene *scene, uint32_t block, uint32_t corner[3]) {
-    const uint32_t at = scene->block_cells[block];
-    corner[0] = at % scene->coarse_count[0] * scene->k;
-    corner[1] = at / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
-    corner[2] = at / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
 }
 
 /* Where a line of 8 samples on the faces before and after a voxel lets the surface begin: the largest s in [0,1] such
@@ -95,7 +85,8 @@ static uint32_t surface_voxel(uint32_t bit, const float corner[8], double margin
     for (int a = 0; a < 3; a++) {
         float faces[2][4];
         const int u = 1 << (a + 1) % 3, v = 1 << (a + 2) % 3;
-        for (int i = 0; i < 8; i++) faces[i >> 2][i & 3] = corner[(i & 1 ? u : 0) + (i & 2 ? v : 0) + (i & 4 ? 1 << a : 0)];
+        for (int i = 0; i < 8; i++)
+            faces[i >> 2][i & 3] = corner[(i & 1 ? u : 0) + (i & 2 ? v : 0) + (i & 4 ? 1 << a : 0)];
         const double least = 1e-5 * (double)largest, low = surface_begin(faces, least) - margin;
         const float back[2][4] = {{faces[1][0], faces[1][1], faces[1][2], faces[1][3]},
                                   {faces[0][0], faces[0][1], faces[0][2], faces[0][3]}};
@@ -110,11 +101,14 @@ static void fill_records(splat_state *state, uint32_t block) {
     const df_scene *scene = state->scene;
     const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
     const uint32_t *count = scene->voxel_count;
-    const uint32_t longest = count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2])
-                                                 : (count[1] > count[2] ? count[1] : count[2]);
+    const uint32_t longest =
+        count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2]) : (count[1] > count[2] ? count[1] : count[2]);
     const double margin = 1.0 / 64 + longest * 0x1p-20;
     uint32_t record = state->first[block], corner[3];
-    block_corner(scene, block, corner);
+    corner[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
+    corner[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
+    corner[2] = scene->block_cells[block] / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
+    for (int a = 0; a < 3; a++) state->corner[(uint32_t)a * scene->block_count + block] = corner[a];
     for (uint32_t w = 0; w < words; w++) {
         for (uint64_t mask = scene->masks[(uint64_t)block * words + w]; mask; mask &= mask - 1, record++) {
             const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
@@ -147,10 +141,18 @@ static df_status make_records(splat_state *state, df_error *err) {
     status = df_alloc((void **)&state->voxels, count + DF_RAY_PADDING, sizeof *state->voxels, "surface records", err);
     if (status == DF_OK)
         status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
+    if (status == DF_OK)
+        status =
+            df_alloc((void **)&state->corner, scene->block_count * 3ull, sizeof *state->corner, "surface records", err);
     if (status != DF_OK) return status;
 #pragma omp parallel for schedule(dynamic, 64) num_threads(state->options.threads)
     for (uint32_t block = 0; block < scene->block_count; block++) fill_records(state, block);
-    state->surface = (df_surface){state->first, state->voxels, state->corners, (uint32_t)count};
+    const uint32_t blocks = scene->block_count;
+    state->surface = (df_surface){state->first,
+                                  state->voxels,
+                                  state->corners,
+                                  {state->corner, state->corner + blocks, state->corner + 2 * blocks},
+                                  (uint32_t)count};
     return DF_OK;
 }
 
@@ -164,9 +166,6 @@ static df_status make_workers(splat_state *state, df_error *err) {
         if (status == DF_OK)
             status = df_alloc_raw((void **)&worker->record, rays, sizeof *worker->record, "depths", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&worker->block, rays, sizeof *worker->block, "depths", err);
-        if (status == DF_OK) status = df_alloc_raw((void **)&worker->flags, rays, sizeof *worker->flags, "depths", err);
-        if (status == DF_OK)
-            status = df_alloc_raw((void **)&worker->candidates, rays, sizeof *worker->candidates, "candidates", err);
     }
     return status;
 }
@@ -194,7 +193,7 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
     return state->surface.record_count * (8 * sizeof *state->corners + sizeof *state->voxels) +
-           state->scene->block_count * (sizeof *state->first + 2 * sizeof *state->rects);
+           state->scene->block_count * (sizeof *state->first + 3 * sizeof *state->corner + 2 * sizeof *state->rects);
 }
 
 static bool splat_suits(const df_scene *scene, const df_view *view) {
@@ -228,12 +227,11 @@ static df_block_rect block_rect(const splat_state *state, const df_view *view, u
     const df_projection *p = &state->projection;
     const double half = state->scene->k / 2.0, margin = 0.05;
     df_block_rect rect = {0, 0, -1, -1, 0, block};
-    uint32_t corner[3];
     double centre[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
     if (state->first[block] == state->first[block + 1]) return rect;
-    block_corner(state->scene, block, corner);
     for (int i = 0; i < 3; i++) {
-        for (int a = 0; a < 3; a++) centre[i] += (double)p->rows[i][a] * (corner[a] + half - view->eye[a]);
+        for (int a = 0; a < 3; a++)
+            centre[i] += (double)p->rows[i][a] * (state->surface.corner[a][block] + half - view->eye[a]);
     }
     for (int a = 0; a < 3; a++) reach[0] += half * fabs((double)p->rows[0][a]);
     const double w = centre[0], nearest = w - reach[0];
@@ -377,24 +375,9 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
                               DF_SOLVE_ISOLATES(state->options.solve),
                               worker->depth,
                               worker->record,
-                              worker->block,
-                              worker->flags};
+                              worker->block};
     state->options.kernels->splat(&job, counters);
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < rays; i++) {
-        if (!(worker->depth[i] < INFINITY)) continue;
-        const uint32_t block = worker->block[i], bit = DF_SURFACE_BIT(state->voxels[worker->record[i]]), k_mask = state->scene->k - 1;
-        uint32_t corner[3];
-        block_corner(state->scene, block, corner);
-        worker->candidates[count++] =
-            (df_candidate){.ray = i,
-                           .block = block,
-                           .flags = worker->flags[i],
-                           .cell = {(uint16_t)(corner[0] + (bit & k_mask)),
-                                    (uint16_t)(corner[1] + (bit >> state->scene->k_shift & k_mask)),
-                                    (uint16_t)(corner[2] + (bit >> 2 * state->scene->k_shift))}};
-    }
-    state->options.kernels->solve(state->scene, &state->options, &tile->rays, worker->candidates, count, hits);
+    state->options.kernels->splat_solve(&job, &state->options, hits);
     return DF_OK;
 }
 

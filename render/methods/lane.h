@@ -7,7 +7,8 @@
  *
  *   lf, lm    DF_LANES floats and the masks of their comparisons
  *   li        DF_LANES 32-bit integers
- *   ld, ldm   DF_DOUBLE_LANES doubles and the masks of their comparisons: half as many in SIMD
+ *   ld, ldm   DF_DOUBLE_LANES doubles and the masks of their comparisons: half as many in SIMD, ld_part takes the
+ *             lower (0) or the upper (1) half of an lf
  *
  * lf_load_8 takes 8 floats of every lane from an address of its own: out[c] holds number c of all. lf_compress and
  * li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has
@@ -84,6 +85,7 @@ static inline li li_shift_right(li a, int bits) { return (li)((uint32_t)a >> bit
 static inline li li_from_lf(lf a) { return (li)a; }
 static inline lf lf_from_li(li a) { return (lf)a; }
 static inline li li_load_u16(const uint16_t *p) { return *p; }
+static inline void li_store_u16(uint16_t *p, li a) { *p = (uint16_t)a; }
 static inline lf lf_gather(const float *base, li index) { return base[index]; }
 static inline void lf_compress(float *p, lm m, lf a) {
     if (m) *p = a;
@@ -101,6 +103,10 @@ static inline lm li_bit(li word, li bit) { return (int)((uint32_t)word >> bit & 
 static inline lm lm_first(uint32_t n) { return n > 0; }
 static inline ld ld_load(const double *p) { return *p; }
 static inline ld ld_load_f32(const float *p) { return (double)*p; }
+static inline ld ld_part(lf a, int part) {
+    (void)part;
+    return (double)a;
+}
 static inline void ld_store(double *p, ld a) { *p = a; }
 static inline void ld_store_f32(float *p, ld a) { *p = (float)a; }
 #endif
@@ -139,6 +145,7 @@ static inline li li_shift_right(li a, int bits) { return _mm_srli_epi32(a, bits)
 static inline li li_from_lf(lf a) { return _mm_cvttps_epi32(a); }
 static inline lf lf_from_li(li a) { return _mm_cvtepi32_ps(a); }
 static inline li li_load_u16(const uint16_t *p) { return _mm_cvtepu16_epi32(_mm_loadl_epi64((const __m128i *)p)); }
+static inline void li_store_u16(uint16_t *p, li a) { _mm_storel_epi64((__m128i *)p, _mm_packus_epi32(a, a)); }
 static inline lf lf_gather(const float *base, li index) {
     int32_t i[4];
     li_store(i, index);
@@ -190,6 +197,7 @@ static inline ld ld_load_f32(const float *p) {
 }
 static inline void ld_store(double *p, ld a) { _mm_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm_storel_epi64((__m128i *)p, _mm_castps_si128(_mm_cvtpd_ps(a))); }
+static inline ld ld_part(lf a, int part) { return _mm_cvtps_pd(part ? _mm_movehl_ps(a, a) : a); }
 static inline ld ld_min(ld a, ld b) { return _mm_min_pd(a, b); }
 static inline ld ld_max(ld a, ld b) { return _mm_max_pd(a, b); }
 static inline ldm ld_lt(ld a, ld b) { return _mm_cmplt_pd(a, b); }
@@ -237,6 +245,10 @@ static inline li li_shift_right(li a, int bits) { return _mm256_srli_epi32(a, bi
 static inline li li_from_lf(lf a) { return _mm256_cvttps_epi32(a); }
 static inline lf lf_from_li(li a) { return _mm256_cvtepi32_ps(a); }
 static inline li li_load_u16(const uint16_t *p) { return _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)p)); }
+static inline void li_store_u16(uint16_t *p, li a) {
+    const __m128i both = _mm_packus_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+    _mm_storeu_si128((__m128i *)p, both);
+}
 static inline lf lf_gather(const float *base, li index) { return _mm256_i32gather_ps(base, index, 4); }
 static inline void lf_compress(float *p, lm m, lf a) {
     float lane[DF_LANES];
@@ -285,6 +297,9 @@ static inline ld ld_load(const double *p) { return _mm256_loadu_pd(p); }
 static inline ld ld_load_f32(const float *p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
 static inline void ld_store(double *p, ld a) { _mm256_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm_storeu_ps(p, _mm256_cvtpd_ps(a)); }
+static inline ld ld_part(lf a, int part) {
+    return _mm256_cvtps_pd(part ? _mm256_extractf128_ps(a, 1) : _mm256_castps256_ps128(a));
+}
 static inline ld ld_min(ld a, ld b) { return _mm256_min_pd(a, b); }
 static inline ld ld_max(ld a, ld b) { return _mm256_max_pd(a, b); }
 static inline ldm ld_lt(ld a, ld b) { return _mm256_cmp_pd(a, b, _CMP_LT_OQ); }
@@ -336,6 +351,7 @@ static inline lf lf_from_li(li a) { return _mm512_cvtepi32_ps(a); }
 static inline li li_load_u16(const uint16_t *p) {
     return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p));
 }
+static inline void li_store_u16(uint16_t *p, li a) { _mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(a)); }
 static inline lf lf_gather(const float *base, li index) { return _mm512_i32gather_ps(index, base, 4); }
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
@@ -375,6 +391,9 @@ static inline ld ld_load(const double *p) { return _mm512_loadu_pd(p); }
 static inline ld ld_load_f32(const float *p) { return _mm512_cvtps_pd(_mm256_loadu_ps(p)); }
 static inline void ld_store(double *p, ld a) { _mm512_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm256_storeu_ps(p, _mm512_cvtpd_ps(a)); }
+static inline ld ld_part(lf a, int part) {
+    return _mm512_cvtps_pd(part ? _mm512_extractf32x8_ps(a, 1) : _mm512_castps512_ps256(a));
+}
 static inline ld ld_min(ld a, ld b) { return _mm512_min_pd(a, b); }
 static inline ld ld_max(ld a, ld b) { return _mm512_max_pd(a, b); }
 static inline ldm ld_lt(ld a, ld b) { return _mm512_cmp_pd_mask(a, b, _CMP_LT_OQ); }
