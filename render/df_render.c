@@ -121,8 +121,7 @@ static const struct argp_option option_table[] = {
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
     {"bounds", KEY_SETTING + 16, "NAME", 0,
      "Narrow every ray beforehand to where surface is projected to its pixel: none (default), bricks (the surface's "
-     "part of each "
-     "brick), voxels (each surface voxel); for dda, dda-packet and cgt",
+     "part of each brick), voxels (each surface voxel), gl (as bricks, drawn by OpenGL); for dda, dda-packet and cgt",
      0},
     {0, 0, 0, 0, "Running", 4},
     {"threads", KEY_THREADS, "N", 0, "Threads (default: all cores)", 0},

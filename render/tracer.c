@@ -18,7 +18,7 @@ const df_tracer *const df_mesh_tracers[] = {
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
 const char *const df_gradient_names[] = {"analytic",       "central", "forward", "backward", "corner-central",
                                          "corner-forward", "c0",      "crease",  NULL};
-const char *const df_bounds_names[] = {"none", "bricks", "voxels", NULL};
+const char *const df_bounds_names[] = {"none", "bricks", "voxels", "gl", NULL};
 
 const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {

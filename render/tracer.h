@@ -50,6 +50,7 @@ typedef struct df_tile {
 #define DF_BOUNDS_NONE 0
 #define DF_BOUNDS_BRICKS 1 /* the part of each block that holds surface */
 #define DF_BOUNDS_VOXELS 2 /* each surface voxel */
+#define DF_BOUNDS_GL 3     /* as bricks, drawn by OpenGL */
 
 /* How tracers go about finding hits, which they are for, and what changes no hit. Zero: the defaults. */
 typedef struct df_walk_options {

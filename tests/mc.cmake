@@ -4,4 +4,5 @@ df_test(test_mc_mesh LABELS unit LIBS distfield-render CGAL::CGAL SOURCES fields
 set_source_files_properties(mesh_judge.cpp PROPERTIES COMPILE_OPTIONS "-Wno-shadow") # CGAL's headers
 df_script_test(test_export_mesh LABELS unit)
 df_script_test(test_mc_tracers LABELS unit)
+df_script_test(test_bounds_gl LABELS unit)
 df_script_test(test_compare LABELS unit)

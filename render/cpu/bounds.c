@@ -1,6 +1,10 @@
 #include "render/cpu/bounds.h"
 #include "common/memory.h"
+#ifdef DF_HAVE_EGL
+#include "render/gl/bounds_gl.h"
+#endif
 
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -59,7 +63,7 @@ static uint64_t put_boxes(const block_rows *block, int mode, df_bounds_box *boxe
         for (uint32_t bits = block->rows[row]; bits; bits &= bits - 1) {
             const uint32_t voxel[3] = {block->corner[0] + (uint32_t)__builtin_ctz(bits),
                                        block->corner[1] + row % block->k, block->corner[2] + row / block->k};
-            if (mode == DF_BOUNDS_BRICKS) {
+            if (mode != DF_BOUNDS_VOXELS) {
                 grow(&whole, voxel, voxel);
                 continue;
             }
@@ -70,9 +74,28 @@ static uint64_t put_boxes(const block_rows *block, int mode, df_bounds_box *boxe
             count++;
         }
     }
-    if (mode != DF_BOUNDS_BRICKS) return count;
+    if (mode == DF_BOUNDS_VOXELS) return count;
     if (boxes) *boxes = whole;
     return 1;
+}
+
+/* What DF_BOUNDS_GL needs; not there where there is no EGL. */
+static df_status open_gl(df_bounds *bounds, df_error *err) {
+#ifdef DF_HAVE_EGL
+    static_assert(sizeof(df_bounds_box) == 6 * sizeof(uint16_t), "boxes are uploaded as they are");
+    return df_bounds_gl_open((const uint16_t(*)[6])bounds->boxes, bounds->box_count, &bounds->gl, err);
+#else
+    (void)bounds;
+    return df_fail(err, DF_ERROR_UNSUPPORTED, "--bounds gl: built without EGL");
+#endif
+}
+
+static void close_gl(df_bounds *bounds) {
+#ifdef DF_HAVE_EGL
+    df_bounds_gl_close(bounds->gl);
+#else
+    (void)bounds;
+#endif
 }
 
 df_status df_bounds_prepare(const df_scene *scene, int mode, df_bounds *bounds, df_error *err) {
@@ -87,10 +110,12 @@ df_status df_bounds_prepare(const df_scene *scene, int mode, df_bounds *bounds, 
     for (uint64_t i = 0; i < total && status == DF_OK; i++) {
         if (get_rows(scene, count, i, &block)) next += put_boxes(&block, mode, next);
     }
+    if (status == DF_OK && mode == DF_BOUNDS_GL) status = open_gl(bounds, err);
     return status;
 }
 
 void df_bounds_free(df_bounds *bounds) {
+    close_gl(bounds);
     free(bounds->boxes);
     free(bounds->least);
     free(bounds->greatest);
@@ -136,6 +161,19 @@ static projection make_projection(const df_view *view, uint32_t first_row, uint3
     /* Coordinates of rays and of the walk are floats up to `scale`, a few roundings each; a far eye is a double. */
     p.pad = 1e-3 + 4e-6 * scale + 1e-12 * afar;
     return p;
+}
+
+/* Lets OpenGL draw all boxes; those that reach behind the eye it draws in part. */
+static df_status draw_gl(df_bounds *bounds, const df_view *view, const projection *p, df_error *err) {
+#ifdef DF_HAVE_EGL
+    return df_bounds_gl_draw(bounds->gl, view, p->first_row, p->end_row - p->first_row, p->pad, DF_BOUNDS_SQUARE,
+                             bounds->least, bounds->greatest, err);
+#else
+    (void)bounds;
+    (void)view;
+    (void)p;
+    return df_fail(err, DF_ERROR_UNSUPPORTED, "--bounds gl: built without EGL");
+#endif
 }
 
 /* What a box covers: pixels x0 to x1, y0 to y1, not clamped, and t. */
@@ -227,7 +265,7 @@ static void project_box(const df_bounds *bounds, const projection *p, const df_b
                         double *greatest) {
     cover c;
     uint32_t x0, x1, y0, y1;
-    if (!cover_box(p, box, &c)) return;
+    if (!cover_box(p, box, &c) || (bounds->gl && c.least >= p->w_near)) return; /* OpenGL has drawn it */
     if (!squares(c.x0, c.x1, 0, p->width, &x0, &x1) || !squares(c.y0, c.y1, p->first_row, p->end_row, &y0, &y1)) return;
     for (uint32_t y = y0; y <= y1; y++) {
         for (uint32_t x = x0; x <= x1; x++) {
@@ -277,7 +315,7 @@ df_status df_bounds_project(df_bounds *bounds, const df_view *view, uint32_t fir
             bounds->greatest[i] = fmax(bounds->greatest[i], bounds->greatest[count * part + i]);
         }
     }
-    return DF_OK;
+    return bounds->gl ? draw_gl(bounds, view, &p, err) : DF_OK;
 }
 
 bool df_bounds_touch(const df_bounds *bounds, uint32_t x, uint32_t y, uint32_t width, uint32_t height) {

@@ -3,6 +3,8 @@
  * squares of pixels, and each square keeps the least and the greatest t at which its rays can meet one. A walk then
  * starts and ends there; rays of squares without a box are not walked at all.
  *
+ * DF_BOUNDS_GL lets OpenGL draw the boxes (gl/bounds_gl.h), which knows the pixels of a box and their t one by one.
+ *
  * The boxes are widened by far more than the rounding of rays and walks, so that no cell in which a ray hits is left
  * out: hits have the same bits with and without.
  */
@@ -23,14 +25,16 @@ typedef struct df_bounds {
     df_bounds_box *boxes; /* of the scene: of the surface within each block, or of each surface voxel */
     uint64_t box_count;
 
+    struct df_bounds_gl *gl; /* DF_BOUNDS_GL */
+
     /* Of the current view: by square, from the first row drawn; least > greatest where there is no box. */
     double *least, *greatest; /* in units of the view's directions, from the eye */
     uint64_t capacity;        /* squares that there is room for, of all threads together */
     uint32_t columns, rows, first_row;
 } df_bounds;
 
-/* Collects the boxes of a scene, mode DF_BOUNDS_BRICKS or DF_BOUNDS_VOXELS. `bounds` must be zero; free it also after a
- * failure. A uniform scene counts 8x8x8 voxels as a brick. */
+/* Collects the boxes of a scene, mode DF_BOUNDS_BRICKS, DF_BOUNDS_VOXELS or DF_BOUNDS_GL. `bounds` must be zero; free
+ * it also after a failure. A uniform scene counts 8x8x8 voxels as a brick. */
 df_status df_bounds_prepare(const df_scene *scene, int mode, df_bounds *bounds, df_error *err);
 void df_bounds_free(df_bounds *bounds);
 uint64_t df_bounds_bytes(const df_bounds *bounds);
