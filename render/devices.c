@@ -99,6 +99,9 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     if (d->scene->levels && d->options.tracer_given && d->frame.tracer != &df_tracer_dda && d->part_count == 1) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda", d->frame.tracer->name);
     }
+    if (d->frame.filter)
+        return df_fail(err, DF_ERROR_USAGE, "--filter %s is the CPU's: OpenCL devices interpolate trilinearly",
+                       df_filter_names[d->frame.filter]);
     if (d->frame.walk.bounds)
         return df_fail(err, DF_ERROR_USAGE, "--bounds %s is the CPU's: OpenCL devices walk whole rays",
                        df_bounds_names[d->frame.walk.bounds]);

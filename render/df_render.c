@@ -119,6 +119,10 @@ static const struct argp_option option_table[] = {
     {"packet", KEY_SETTING + 14, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
     {"clip", KEY_SETTING + 15, "on|off", 0,
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
+    {"filter", KEY_SETTING + 17, "NAME", 0,
+     "How the field is reconstructed between samples: trilinear (default), catmull-rom or b-spline (cubic, for dense "
+     "fields, slow: references of quality)",
+     0},
     {"bounds", KEY_SETTING + 16, "NAME", 0,
      "Narrow every ray beforehand to where surface is projected to its pixel: none (default), bricks (the surface's "
      "part of each brick), voxels (each surface voxel), gl (as bricks, drawn by OpenGL); for dda, dda-packet and cgt",
@@ -406,13 +410,15 @@ static df_status render(options *opts, session *s, df_error *err) {
     if (status != DF_OK) return status;
     s->settings_text = df_settings_text(settings, &s->camera);
     if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
-    const df_tracer *tracer =
-        settings->tracer ? settings->tracer : df_tracer_choose(&s->scene, &s->view, &settings->walk);
+    const df_tracer *tracer = settings->filter   ? &df_tracer_tricubic
+                              : settings->tracer ? settings->tracer
+                                                 : df_tracer_choose(&s->scene, &s->view, &settings->walk);
     opts->devices.tracer_given = settings->tracer != NULL;
     const df_frame_options frame = {.tracer = tracer,
                                     .solve = settings->solve,
                                     .steps = settings->steps,
                                     .gradient = settings->gradient,
+                                    .filter = settings->filter,
                                     .tile = opts->tile,
                                     .threads = opts->threads,
                                     .kernels = opts->kernels,

@@ -42,6 +42,7 @@ json_t *df_report_json(const df_report *report) {
     const df_frame_stats *stats = &report->stats;
     const df_counters *counters = &stats->counters;
     double rays = (double)stats->rays_cast, lanes = (double)counters->lanes_total;
+    const bool own = report->tracer->own_methods;
     json_t *json = json_object();
     if (!json) return NULL;
     json_object_set_new(json, "field", json_string(report->field_path));
@@ -49,10 +50,11 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
     json_object_set_new(json, "tracer", json_string(report->tracer->name));
     json_object_set_new(json, "bounds", json_string(df_bounds_names[settings->walk.bounds]));
-    json_object_set_new(json, "intersect", json_string(df_solve_names[settings->solve]));
+    json_object_set_new(json, "filter", json_string(df_filter_names[settings->filter]));
+    json_object_set_new(json, "intersect", json_string(own ? "own" : df_solve_names[settings->solve]));
     json_object_set_new(json, "steps",
                         json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
-    json_object_set_new(json, "gradient", json_string(df_gradient_names[settings->gradient]));
+    json_object_set_new(json, "gradient", json_string(own ? "own" : df_gradient_names[settings->gradient]));
     json_object_set_new(json, "isa", json_string(report->kernels->isa));
     json_object_set_new(json, "threads", json_integer(report->threads));
     json_object_set_new(json, "width", json_integer(settings->width));

@@ -87,6 +87,11 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         if (status == DF_OK) s->walk.no_clip = number == 1;
         return status;
     }
+    if (strcmp(name, "filter") == 0) {
+        status = df_parse_name("--filter", value, df_filter_names, &number, err);
+        if (status == DF_OK) s->filter = (int)number;
+        return status;
+    }
     if (strcmp(name, "bounds") == 0) {
         status = df_parse_name("--bounds", value, df_bounds_names, &number, err);
         if (status == DF_OK) s->walk.bounds = (int)number;
@@ -124,7 +129,13 @@ df_status df_settings_camera(const df_settings *s, const df_field *field, df_cam
         return df_fail(err, DF_ERROR_USAGE,
                        "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
     }
-    if (s->tracer && s->tracer->draws_mesh && s->has_methods) {
+    if (s->filter && (s->tracer || s->has_methods || s->quality_auto || s->walk.bounds)) {
+        return df_fail(err, DF_ERROR_USAGE,
+                       "--filter %s has a tracer, a solve and a gradient of its own: it cannot go with --tracer, "
+                       "--intersect, --steps, --gradient, --quality or --bounds",
+                       df_filter_names[s->filter]);
+    }
+    if (s->tracer && s->tracer->own_methods && s->has_methods) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--tracer %s draws a mesh, which has its own hits and normals: it cannot go with --intersect, "
                        "--steps or --gradient",
@@ -155,7 +166,8 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     if (!stream) return NULL;
     fprintf(stream, "size=%ux%u\niso=%.17g\ntracer=%s\n", s->width, s->height, s->iso,
             s->tracer ? s->tracer->name : "auto");
-    if (!s->tracer || !s->tracer->draws_mesh)
+    if (s->filter) fprintf(stream, "filter=%s\n", df_filter_names[s->filter]);
+    if (!s->filter && !(s->tracer && s->tracer->own_methods))
         fprintf(stream, "intersect=%s\ngradient=%s\n", df_solve_names[s->solve], df_gradient_names[s->gradient]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);

@@ -13,6 +13,7 @@ typedef struct df_settings {
     df_scene_options scene;
     const df_tracer *tracer; /* NULL: auto */
     int solve, steps, gradient;
+    int filter;        /* not trilinear: df_tracer_tricubic draws */
     bool quality_auto; /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
     bool has_methods;
     df_walk_options walk;

@@ -19,6 +19,7 @@ const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt
 const char *const df_gradient_names[] = {"analytic",       "central", "forward", "backward", "corner-central",
                                          "corner-forward", "c0",      "crease",  NULL};
 const char *const df_bounds_names[] = {"none", "bricks", "voxels", "gl", NULL};
+const char *const df_filter_names[] = {"trilinear", "catmull-rom", "b-spline", NULL};
 
 const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {

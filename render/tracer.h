@@ -63,6 +63,7 @@ typedef struct df_trace_options {
     const df_kernels *kernels;        /* the instruction set to use */
     int solve;                        /* DF_SOLVE_... of solve.h */
     int steps;                        /* of the solve; 0: df_solve_steps */
+    int filter;                       /* DF_FILTER_...: of df_tracer_tricubic */
     uint32_t threads;                 /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
     uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted
                                          from begin_frame's first */
@@ -74,7 +75,7 @@ struct df_tracer {
     const char *name;
     const char *summary; /* for --help */
     bool whole_frame;    /* wants one tile, the picture, from one thread */
-    bool draws_mesh;     /* not the field: solve and gradient mean nothing to it */
+    bool own_methods;    /* hits and normals of its own: solve and gradient mean nothing to it */
     bool takes_bounds;   /* df_walk_options.bounds */
 
     /* Prepares a scene; the state belongs to the tracer and is released by it. The precomputation must not depend on a
@@ -97,6 +98,9 @@ struct df_tracer {
 extern const df_tracer df_tracer_adf, df_tracer_cgt, df_tracer_dda, df_tracer_packet, df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
+/* Another field between the samples: cubic reconstruction, which --filter asks for. */
+extern const df_tracer df_tracer_tricubic;
+
 /* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in;
  * ended by NULL. */
 extern const df_tracer *const df_tracers[];
@@ -107,10 +111,11 @@ const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
  * takes. walk: NULL: no wishes. */
 const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk);
 
-/* Names of solves, gradients and bounds, by number, ended by NULL. */
+/* Names of solves, gradients, bounds and filters, by number, ended by NULL. */
 extern const char *const df_solve_names[];
 extern const char *const df_gradient_names[];
 extern const char *const df_bounds_names[];
+extern const char *const df_filter_names[];
 
 /* The default of --steps. Linear, midpoint, analytic: 0. Repeated, marmitt: interpolations after the first (3). Robust:
  * Illinois steps at most (16). */

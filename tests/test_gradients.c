@@ -1,6 +1,7 @@
 /* Gradients: continuity, edges, and that structures do not matter. */
 #include "fields.h"
 #include "render/frame.h"
+#include "render/methods/filter.h"
 #include "render/methods/gradient.h"
 #include "render/methods/solve_methods.h"
 
@@ -203,11 +204,33 @@ static void bricks_have_the_gradients_of_the_dense_field(void **unused) {
     }
 }
 
+/* Catmull-Rom reproduces quadratics, the B-spline linear functions; both with their gradients. */
+static void filters_are_exact_on_their_polynomials(void **unused) {
+    (void)unused;
+    for (int filter = DF_FILTER_CATMULL_ROM; filter < DF_FILTER_COUNT; filter++) {
+        const double bend = filter == DF_FILTER_CATMULL_ROM ? 0.3 : 0;
+        float stencil[64];
+        for (int i = 0; i < 64; i++) {
+            const double x = i % 4 - 1, y = i / 4 % 4 - 1, z = i / 16 - 1;
+            stencil[i] = (float)(0.5 * x - 2 * y + z + bend * (x * x + 2 * y * z));
+        }
+        for (int n = 0; n < 125; n++) {
+            const double p[3] = {n % 5 / 4.0, n / 5 % 5 / 4.0, n / 25 / 4.0};
+            double gradient[3];
+            const double value = df_filter_value(filter, stencil, p, gradient);
+            const double exact[3] = {0.5 + 2 * bend * p[0], -2 + 2 * bend * p[2], 1 + 2 * bend * p[1]};
+            assert_true(fabs(value - (0.5 * p[0] - 2 * p[1] + p[2] + bend * (p[0] * p[0] + 2 * p[1] * p[2]))) < 1e-6);
+            for (int a = 0; a < 3; a++) assert_true(fabs(gradient[a] - exact[a]) < 1e-5);
+        }
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(c0_does_not_jump_between_voxels),
         cmocka_unit_test(linear_fields_have_one_gradient),
         cmocka_unit_test(crease_is_nearer_to_the_faces_of_a_box),
+        cmocka_unit_test(filters_are_exact_on_their_polynomials),
         cmocka_unit_test(bricks_have_the_gradients_of_the_dense_field),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -182,7 +182,7 @@ static df_status embree_trace(void *opaque, uint32_t thread, const df_tile *tile
 
 const df_tracer df_tracer_mc_embree = {
     .name = "mc-embree",
-    .draws_mesh = true,
+    .own_methods = true,
     .summary = "the marching-cubes mesh, ray traced by Embree: for comparison",
     .prepare = embree_prepare,
     .release = embree_release,

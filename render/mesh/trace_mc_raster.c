@@ -165,7 +165,7 @@ static df_status raster_trace(void *opaque, uint32_t thread, const df_tile *tile
 
 const df_tracer df_tracer_mc_raster = {
     .name = "mc-raster",
-    .draws_mesh = true,
+    .own_methods = true,
     .summary = "the marching-cubes mesh, rasterised by OpenGL: for comparison",
     .prepare = raster_prepare,
     .release = raster_release,

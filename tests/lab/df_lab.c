@@ -3,13 +3,15 @@
  *
  *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name, a
  * .dfield file, or FIELD.dfield:MESH.obj with the mesh that it was made from df-lab escape [RAYS] rays from inside
- * closed fields, with every tracer: none may escape df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of
- * the laboratory df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
+ * closed fields, with every tracer: none may escape df-lab filters [FIELD.dfield:MESH.obj...] depth and normal errors
+ * by reconstruction filter df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of the laboratory df-lab map
+ * SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
  */
 #include "common/field_file.h"
 #include "common/image.h"
 #include "common/version.h"
 #include "fields.h"
+#include "filters.h"
 #include "measure.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
@@ -702,10 +704,12 @@ int main(int argc, char **argv) {
         df_status (*run)(int argc, char **argv, df_error *err);
     } commands[] = {{"measure", "FILE.csv [--quick] [FIELD...]", 1, command_measure},
                     {"escape", "[RAYS]", 0, command_escape},
+                    {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
                     {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, command_field},
                     {"map", "SHAPE SIZE SOLVE FILE.png [PARAMETER]", 4, command_map}};
+    enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
     df_error err = {0};
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < COMMAND_COUNT; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
         if (argc - 2 < commands[i].least) break;
         df_status status = commands[i].run(argc - 2, argv + 2, &err);
@@ -713,6 +717,6 @@ int main(int argc, char **argv) {
         return df_exit_code(status);
     }
     fprintf(stderr, "usage:\n");
-    for (int i = 0; i < 4; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
+    for (int i = 0; i < COMMAND_COUNT; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
     return 2;
 }

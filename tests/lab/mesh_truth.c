@@ -206,6 +206,7 @@ static void try_triangle(const lab_mesh *mesh, uint32_t triangle, const turned *
     out->hit = true;
     out->t = t;
     out->back = sum < 0;
+    out->triangle = triangle;
 }
 
 static bool meets(const node *n, const turned *r, double t_max) {
@@ -217,6 +218,18 @@ static bool meets(const node *n, const turned *r, double t_max) {
         t_out = fmin(t_out, fmax(low, high));
     }
     return t_in <= t_out * (1 + 1e-12);
+}
+
+void lab_mesh_normal(const lab_mesh *mesh, uint32_t triangle, double normal[3]) {
+    const double *p = corner_of(mesh, triangle, 0), *q = corner_of(mesh, triangle, 1),
+                 *r = corner_of(mesh, triangle, 2);
+    double length = 0;
+    for (int a = 0; a < 3; a++) {
+        const int u = (a + 1) % 3, v = (a + 2) % 3;
+        normal[a] = (q[u] - p[u]) * (r[v] - p[v]) - (q[v] - p[v]) * (r[u] - p[u]);
+        length += normal[a] * normal[a];
+    }
+    for (int a = 0; a < 3; a++) normal[a] /= sqrt(length);
 }
 
 void lab_mesh_trace(const lab_mesh *mesh, const double origin[3], const double direction[3], df_truth *out) {

@@ -19,6 +19,9 @@ df_status lab_mesh_make(const double *positions, uint32_t vertex_count, const ui
                         uint32_t triangle_count, lab_mesh **out, df_error *err);
 void lab_mesh_free(lab_mesh *mesh);
 
+/* The unit normal of a triangle, in grid space. */
+void lab_mesh_normal(const lab_mesh *mesh, uint32_t triangle, double normal[3]);
+
 /* The first triangle with t > 0. back: it is seen from behind (counter-clockwise is the outside). tangent is never set:
  * the mesh and a field of it differ by more than any band. */
 void lab_mesh_trace(const lab_mesh *mesh, const double origin[3], const double direction[3], df_truth *out);

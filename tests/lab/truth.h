@@ -29,10 +29,11 @@ __extension__ typedef __float128 df_quad;
 
 typedef struct df_truth {
     bool hit;
-    bool back;    /* the ray came from inside */
-    bool tangent; /* do not judge: see above */
-    df_quad t;    /* of the first crossing, in units of the direction; valid with hit */
-    double band;  /* the tangent band of this ray, voxels */
+    bool back;         /* the ray came from inside */
+    bool tangent;      /* do not judge: see above */
+    df_quad t;         /* of the first crossing, in units of the direction; valid with hit */
+    double band;       /* the tangent band of this ray, voxels */
+    uint32_t triangle; /* of a mesh; valid with hit */
 } df_truth;
 
 /* Origin and direction in grid space are taken as exact; the direction need not be normalised, components may be 0.
