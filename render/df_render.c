@@ -8,6 +8,7 @@
 #include "common/progress.h"
 #include "common/version.h"
 #include "render/bench.h"
+#include "render/heat.h"
 #include "render/mesh/export.h"
 #include "render/quality.h"
 
@@ -23,6 +24,7 @@
 #define TEXT_FIELD "distfield field"
 #define TEXT_CHECKSUM "distfield checksum"
 #define TEXT_SETTINGS "distfield settings"
+#define TEXT_HEAT "distfield heat" /* instead of settings: it is not what a picture shows */
 
 typedef struct options {
     df_settings settings;
@@ -31,8 +33,9 @@ typedef struct options {
     const char *isa;
     const df_kernels *kernels;
     const char *mesh_path;
-    uint32_t mesh_method; /* df_mc_method */
-    uint32_t threads, tile;
+    uint32_t mesh_method;   /* df_mc_method */
+    uint32_t threads, tile; /* tile 0: not given */
+    uint32_t heat;          /* DF_HEAT_... */
     df_devices_options devices;
     bool list_devices;
     uint32_t bench_frames, bench_repeats; /* frames 0: no bench */
@@ -59,6 +62,7 @@ enum {
     KEY_BENCH,
     KEY_REPEATS,
     KEY_MESH,
+    KEY_HEAT,
     KEY_MESH_TOPOLOGY
 };
 
@@ -84,6 +88,10 @@ static const struct argp_option option_table[] = {
      "Render a picture of df-render again, from the settings inside it, and say whether it is equal (exit 1 if not). "
      "The field "
      "is the one named inside unless FIELD is given; with -o the new picture is written as well",
+     0},
+    {"heat", KEY_HEAT, "steps|time", 0,
+     "The picture shows what each pixel cost instead: cells visited, or time; black is nothing, white the most. "
+     "Tracers that walk packets are measured by squares of 8 pixels, or of --tile",
      0},
     {"export-mesh", KEY_MESH, "FILE", 0,
      "Write the surface as triangles, by marching cubes: .ply (binary), .obj or .stl. No picture is made then unless "
@@ -180,6 +188,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case KEY_MESH_TOPOLOGY:
         check(state, df_parse_name("--mesh-topology", argument, df_mc_method_names, &opts->mesh_method, &err), &err);
         return 0;
+    case KEY_HEAT: check(state, df_parse_name("--heat", argument, df_heat_names, &opts->heat, &err), &err); return 0;
     case 'v': opts->verbose = true; return 0;
     case KEY_MAP: opts->map = true; return 0;
     case KEY_STATS: opts->stats = true; return 0;
@@ -223,6 +232,10 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         if (opts->bench_frames && (opts->from_path || opts->output_path || opts->depth_path || opts->normals_path)) {
             argp_error(state, "--bench writes no picture: it cannot go with --from, --output, --depth or --normals");
         }
+        if (opts->heat && (opts->bench_frames || opts->from_path || opts->devices.choice.automatic ||
+                           opts->devices.choice.count != 1 || opts->devices.choice.numbers[0] != DF_DEVICE_CPU)) {
+            argp_error(state, "--heat is a picture of the CPU's work: it cannot go with --bench, --from or --device");
+        }
         if (opts->bench_frames && !opts->settings.has_orbit) opts->settings.orbit[0] = opts->settings.orbit[1] = 0;
         if (opts->from_path && opts->mesh_path) argp_error(state, "--from and --export-mesh contradict each other");
         if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
@@ -242,6 +255,7 @@ typedef struct session {
     df_camera camera;
     df_view view;
     df_report report;
+    char heat_text[80];
 } session;
 
 static void session_free(session *s) {
@@ -252,6 +266,7 @@ static void session_free(session *s) {
     free(s->picture.rgb);
     free(s->picture.depth);
     free(s->picture.normals);
+    free(s->picture.heat);
     free(s->own_path);
     free(s->settings_text);
 }
@@ -320,6 +335,8 @@ static df_status alloc_picture(const options *opts, df_picture *picture, df_erro
     df_status status = df_alloc((void **)&picture->rgb, pixels * 3, 1, "picture", err);
     if (status == DF_OK && opts->depth_path)
         status = df_alloc((void **)&picture->depth, pixels, sizeof(float), "depth", err);
+    picture->heat_mode = (int)opts->heat;
+    if (status == DF_OK && opts->heat) status = df_alloc((void **)&picture->heat, pixels, sizeof(float), "heat", err);
     if (status == DF_OK && opts->normals_path) {
         status = df_alloc((void **)&picture->normals, pixels * 3, sizeof(float), "normals", err);
     }
@@ -334,7 +351,7 @@ static df_status write_png(const options *opts, const session *s, df_error *err)
         {TEXT_COMMAND, opts->command},
         {TEXT_FIELD, absolute ? absolute : opts->field_path},
         {TEXT_CHECKSUM, checksum},
-        {TEXT_SETTINGS, s->settings_text},
+        opts->heat ? (df_image_text){TEXT_HEAT, s->heat_text} : (df_image_text){TEXT_SETTINGS, s->settings_text},
     };
     df_status status = df_image_write_png(opts->output_path, s->picture.rgb, s->picture.width, s->picture.height, texts,
                                           sizeof texts / sizeof texts[0], err);
@@ -401,6 +418,17 @@ static void choose_quality(options *opts, const session *s) {
     if (opts->verbose) fprintf(stderr, "df-render: quality auto: %s\n", text);
 }
 
+/* The picture of --heat. */
+static df_status draw_heat(const options *opts, session *s, df_error *err) {
+    float white = 0;
+    df_status status = df_heat_measure(s->devices, &s->view, &s->picture, &s->report.stats, err);
+    if (status == DF_OK) status = df_heat_colour(&s->picture, &white, err);
+    snprintf(s->heat_text, sizeof s->heat_text, "white is %.4g %s a ray", (double)white,
+             opts->heat == DF_HEAT_TIME ? "ns" : "cells");
+    if (status == DF_OK && opts->verbose) fprintf(stderr, "df-render: heat: %s\n", s->heat_text);
+    return status;
+}
+
 static df_status render(options *opts, session *s, df_error *err) {
     const df_settings *settings = &opts->settings;
     df_status status = df_settings_camera(settings, &s->field, &s->camera, err);
@@ -414,12 +442,17 @@ static df_status render(options *opts, session *s, df_error *err) {
                               : settings->tracer ? settings->tracer
                                                  : df_tracer_choose(&s->scene, &s->view, &settings->walk);
     opts->devices.tracer_given = settings->tracer != NULL;
+    const uint32_t tile = opts->tile ? opts->tile : opts->heat ? df_heat_square(tracer) : 64;
+    if (opts->heat &&
+        (tracer->whole_frame || (opts->heat == DF_HEAT_STEPS && tracer->own_methods && !settings->filter)))
+        return df_fail(err, DF_ERROR_USAGE, "--heat %s: --tracer %s does not count that by pixel",
+                       df_heat_names[opts->heat], tracer->name);
     const df_frame_options frame = {.tracer = tracer,
                                     .solve = settings->solve,
                                     .steps = settings->steps,
                                     .gradient = settings->gradient,
                                     .filter = settings->filter,
-                                    .tile = opts->tile,
+                                    .tile = tile,
                                     .threads = opts->threads,
                                     .kernels = opts->kernels,
                                     .walk = settings->walk};
@@ -435,9 +468,11 @@ static df_status render(options *opts, session *s, df_error *err) {
     s->report.settings = settings;
     s->report.kernels = opts->kernels;
     s->report.threads = opts->threads;
-    s->report.tile = opts->tile;
+    s->report.tile = tile;
     df_devices_precomputation(s->devices, &s->report.precompute_ms, &s->report.precompute_bytes);
-    return opts->bench_frames ? DF_OK : df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);
+    if (opts->bench_frames) return DF_OK;
+    if (opts->heat) return draw_heat(opts, s, err);
+    return df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);
 }
 
 static df_status list_devices(df_error *err) {
@@ -520,7 +555,6 @@ int main(int argc, char **argv) {
     argp_err_exit_status = 2;
     df_interrupt_install("df-render");
     options opts = {.threads = (uint32_t)omp_get_num_procs(),
-                    .tile = 64,
                     .isa = "auto",
                     .bench_repeats = 5,
                     .devices = {.choice = {.count = 1, .numbers = {DF_DEVICE_CPU}}, .program = "df-render"}};

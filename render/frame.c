@@ -129,11 +129,22 @@ static void clear_tile(const df_renderer *renderer, const df_tile *tile, const d
     }
 }
 
+/* Writes what a ray of the tile cost on average. */
+static void put_heat(const df_tile *tile, const df_picture *picture, uint64_t steps, double ms) {
+    const double rays = (double)tile->width * tile->height;
+    const float heat = (float)((picture->heat_mode == DF_HEAT_TIME ? ms * 1e6 : (double)steps) / rays);
+    for (uint32_t y = tile->y; y < tile->y + tile->height; y++) {
+        for (uint32_t x = tile->x; x < tile->x + tile->width; x++) picture->heat[(size_t)y * picture->width + x] = heat;
+    }
+}
+
 static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture *picture) {
     frame_worker *worker = &renderer->workers[thread];
     const df_tracer *tracer = renderer->options.tracer;
     df_tile *tile = &worker->tile;
     double start = df_now_ms(), made = start, traced = start;
+    const df_counters *counters = &worker->stats.counters;
+    const uint64_t steps = counters->coarse_steps + counters->fine_steps;
     worker->hits.count = 0;
     if (!tracer->touches || tracer->touches(renderer->tracer_state, tile)) {
         df_view_rays(tile->view, renderer->options.kernels, tile->x, tile->y, tile->width, tile->height, &tile->rays);
@@ -157,6 +168,8 @@ static void render_tile(df_renderer *renderer, uint32_t thread, const df_picture
     worker->stats.trace_ms += traced - made;
     worker->stats.shade_ms += df_now_ms() - traced;
     worker->stats.rays_hitting += worker->hits.count;
+    if (picture->heat)
+        put_heat(tile, picture, counters->coarse_steps + counters->fine_steps - steps, df_now_ms() - start);
 }
 
 void df_frame_stats_add(df_frame_stats *sum, const df_frame_stats *part) {

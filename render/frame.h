@@ -7,12 +7,18 @@
 
 #include "render/cpu/kernels.h"
 
+#define DF_HEAT_NONE 0
+#define DF_HEAT_STEPS 1
+#define DF_HEAT_TIME 2
+
 /* What a picture consists of; arrays that are NULL are not wanted. Rows from top to bottom. */
 typedef struct df_picture {
     uint32_t width, height;
     uint8_t *rgb;   /* width * height * 3, sRGB */
     float *depth;   /* width * height: distance from the eye in world units, INFINITY where nothing is hit */
     float *normals; /* width * height * 3: unit vectors in world space, towards the outside; 0 where nothing is hit */
+    float *heat;    /* width * height: what a ray of the pixel's tile cost on average, by heat_mode */
+    int heat_mode;  /* DF_HEAT_STEPS: cells visited; DF_HEAT_TIME: ns of a thread */
 } df_picture;
 
 typedef struct df_frame_options {

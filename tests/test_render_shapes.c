@@ -368,7 +368,7 @@ static void render(const fixture *f, uint32_t width, uint32_t height, uint32_t t
         .threads = threads,
     };
     if (df_renderer_open(&f->scene, &options, width, height, &renderer, &err)) fail_msg("%s", err.text);
-    const df_picture picture = {width, height, rgb, depth, normals};
+    const df_picture picture = {.width = width, .height = height, .rgb = rgb, .depth = depth, .normals = normals};
     if (df_renderer_frame(renderer, &view, &picture, NULL, &err)) fail_msg("%s", err.text);
     df_renderer_close(renderer);
 }

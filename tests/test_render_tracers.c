@@ -52,7 +52,8 @@ static void draw(const df_scene *scene, const df_view *view, const df_frame_opti
     df_renderer *renderer;
     df_error err;
     if (df_renderer_open(scene, options, p->width, p->height, &renderer, &err)) fail_msg("%s", err.text);
-    const df_picture out = {p->width, p->height, p->rgb, p->depth, p->normals};
+    const df_picture out = {
+        .width = p->width, .height = p->height, .rgb = p->rgb, .depth = p->depth, .normals = p->normals};
     if (df_renderer_frame(renderer, view, &out, NULL, &err)) fail_msg("%s", err.text);
     df_renderer_close(renderer);
 }
