@@ -61,7 +61,8 @@ float df_field_decode(const df_field *field, uint64_t index, int exponent) {
     assert(index < field->sample_count);
     switch (field->sample_type) {
     case DF_SAMPLE_F32: return ((const float *)field->samples)[index];
-    case DF_SAMPLE_U16: return (float)((int)((const uint16_t *)field->samples)[index] - 32768) * df_power_of_two(exponent);
+    case DF_SAMPLE_U16:
+        return (float)((int)((const uint16_t *)field->samples)[index] - 32768) * df_power_of_two(exponent);
     case DF_SAMPLE_U8: return (float)((int)((const uint8_t *)field->samples)[index] - 128) * df_power_of_two(exponent);
     }
     return 0;
@@ -134,41 +135,6 @@ bool df_field_sample(const df_field *field, const uint32_t sample[3], float *val
     return false;
 }
 
-void df_adf_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
-    uint64_t first = (uint64_t)family * DF_FAMILY_SAMPLE_COUNT;
-    for (uint32_t c = 0; c < 8; c++) {
-        uint32_t x = (child & 1) + (c & 1), y = (child >> 1 & 1) + (c >> 1 & 1), z = (child >> 2) + (c >> 2);
-        corners[c] = df_field_decode(field, first + x + 3 * (y + 3 * z), brick_exponent(field, family));
-    }
-}
-
-static df_child_state child_state(const df_family *family, uint32_t child) {
-    return (df_child_state)(family->states >> 2 * child & 3);
-}
-
-/* The number of the family that child `child` of `family` has become. */
-static uint32_t child_family(const df_family *family, uint32_t child) {
-    uint32_t both = family->states & family->states >> 1 & 0x5555; /* one bit a child that is a family */
-    return family->first_child + (uint32_t)__builtin_popcount(both & ((1u << 2 * child) - 1));
-}
-
-void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell) {
-    assert(field->kind == DF_FIELD_ADF && level_limit >= 1);
-    *cell = (df_adf_cell){.side = 1u << field->level_count};
-    for (uint32_t level = 1;; level++) {
-        cell->side /= 2;
-        cell->child = 0;
-        for (int a = 0; a < 3; a++) {
-            bool upper = grid[a] >= cell->corner[a] + cell->side;
-            cell->child |= (uint32_t)upper << a;
-            cell->corner[a] += upper ? cell->side : 0;
-        }
-        cell->state = child_state(&field->families[cell->family], cell->child);
-        if (cell->state != DF_CHILD_FAMILY || level == level_limit) return;
-        cell->family = child_family(&field->families[cell->family], cell->child);
-    }
-}
-
 double df_trilinear(const float v[8], const double local[3]) {
     double x = local[0], y = local[1], z = local[2];
     double a = (1 - x) * (double)v[0] + x * (double)v[1], b = (1 - x) * (double)v[2] + x * (double)v[3];
@@ -196,8 +162,8 @@ void df_field_grid_to_world(const df_field *field, const double grid[3], double 
     for (int a = 0; a < 3; a++) world[a] = field->origin[a] + grid[a] * field->voxel_size[a];
 }
 
-/* The corners around a grid position within the box, the position among them, and the cell's side in voxels. Returns false where
- * nothing is stored. */
+/* The corners around a grid position within the box, the position among them, and the cell's side in voxels. Returns
+ * false where nothing is stored. */
 static bool corners_at(const df_field *field, const double grid[3], float corners[8], double local[3], double *side) {
     uint32_t voxel[3];
     if (field->kind == DF_FIELD_ADF) {
@@ -275,7 +241,8 @@ static void face_range(const df_field *field, uint32_t brick, int axis, uint32_t
     range[1] = -INFINITY;
     for (uint32_t j = 0; j < side; j++) {
         for (uint32_t i = 0; i < side; i++) {
-            float value = df_field_decode(field, first + i * (uint64_t)u + j * (uint64_t)v, brick_exponent(field, brick));
+            float value =
+                df_field_decode(field, first + i * (uint64_t)u + j * (uint64_t)v, brick_exponent(field, brick));
             range[0] = fminf(range[0], value);
             range[1] = fmaxf(range[1], value);
         }
@@ -417,7 +384,8 @@ static df_status index_bricks(const df_field *field, uint32_t *brick_cells, cons
         uint32_t token = field->cells[i];
         if (token >= DF_CELL_INSIDE) continue;
         if (token != next || next >= field->brick_count) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: coarse cell %" PRIu64 " names brick %" PRIu32 ", expected %" PRIu32 " of %" PRIu32,
+            return df_fail(err, DF_ERROR_FORMAT,
+                           "%s: coarse cell %" PRIu64 " names brick %" PRIu32 ", expected %" PRIu32 " of %" PRIu32,
                            name, i, token, next, field->brick_count);
         }
         brick_cells[next++] = (uint32_t)i;
@@ -431,11 +399,13 @@ static df_status index_bricks(const df_field *field, uint32_t *brick_cells, cons
 
 static df_status finish_bricks(df_field *field, const char *name, df_error *err) {
     uint32_t k = field->brick_size;
-    if (k != 4 && k != 8) return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 " (4 and 8 are possible)", name, k);
+    if (k != 4 && k != 8)
+        return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 " (4 and 8 are possible)", name, k);
     for (int a = 0; a < 3; a++) field->cell_count[a] = (field->voxel_count[a] + k - 1) / k;
     uint64_t cell_total = (uint64_t)field->cell_count[0] * field->cell_count[1] * field->cell_count[2];
     if (cell_total >= DF_BRICK_COUNT_MAX || field->brick_count > cell_total) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " bricks in %" PRIu64 " coarse cells", name, field->brick_count, cell_total);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " bricks in %" PRIu64 " coarse cells", name,
+                       field->brick_count, cell_total);
     }
     field->sample_count = (uint64_t)field->brick_count * df_brick_sample_count(k);
 
@@ -463,7 +433,9 @@ static df_status finish_bricks(df_field *field, const char *name, df_error *err)
     uint32_t per_brick = df_brick_sample_count(k);
 #pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad) if (field->sample_count > PARALLEL_SAMPLES)
     for (uint32_t b = 0; b < field->brick_count; b++) {
-        if (!sample_range(field, (uint64_t)b * per_brick, per_brick, brick_exponent(field, b), ranges + 2 * (uint64_t)b)) bad++;
+        if (!sample_range(field, (uint64_t)b * per_brick, per_brick, brick_exponent(field, b),
+                          ranges + 2 * (uint64_t)b))
+            bad++;
         low = ranges[2 * (uint64_t)b] < low ? ranges[2 * (uint64_t)b] : low;
         high = ranges[2 * (uint64_t)b + 1] > high ? ranges[2 * (uint64_t)b + 1] : high;
         brick_mask(field, b, masks + (uint64_t)b * words);
@@ -474,74 +446,12 @@ static df_status finish_bricks(df_field *field, const char *name, df_error *err)
     return DF_OK;
 }
 
-/* The state that the corners of an undivided child ask for. */
-static df_child_state leaf_state(const float corners[8]) {
-    if (df_corners_straddle(corners, 0)) return DF_CHILD_SURFACE;
-    return corners[0] < 0 ? DF_CHILD_INSIDE : DF_CHILD_OUTSIDE;
-}
-
-/* Checks links and levels: breadth first, each family the child of exactly one before it, none deeper than the tree. */
-static df_status check_families(const df_field *field, const char *name, df_error *err) {
-    uint64_t next = 1;                 /* the number that the next child family must have */
-    uint64_t level_end = 1;            /* the first family of the next level */
-    uint32_t level = 1;                /* of the children of the current family */
-    for (uint32_t f = 0; f < field->family_count; f++) {
-        const df_family *family = &field->families[f];
-        if (f == level_end) {
-            level++;
-            level_end = next;
-        }
-        uint32_t divided = (uint32_t)__builtin_popcount(family->states & family->states >> 1 & 0x5555);
-        if (family->states >> 16 || family->first_child != (divided ? next : 0) || (divided && level >= field->level_count)) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: octree family %" PRIu32 " on level %" PRIu32 " of %" PRIu32 " names child %" PRIu32
-                           ", expected %" PRIu64, name, f, level, field->level_count, family->first_child, next);
-        }
-        next += divided;
-        if (f + 1 == level_end && next == level_end && f + 1 < field->family_count) break; /* the rest hangs on nothing */
-    }
-    if (next == field->family_count) return DF_OK;
-    return df_fail(err, DF_ERROR_FORMAT, "%s: the octree names %" PRIu64 " of %" PRIu32 " families", name, next, field->family_count);
-}
-
-static df_status finish_adf(df_field *field, const char *name, df_error *err) {
-    uint32_t longest = field->voxel_count[0];
-    for (int a = 1; a < 3; a++) longest = field->voxel_count[a] > longest ? field->voxel_count[a] : longest;
-    if (field->level_count < 1 || field->level_count > DF_LEVEL_COUNT_MAX || longest > 1u << field->level_count) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: an octree of %" PRIu32 " levels for %" PRIu32 " voxels", name, field->level_count, longest);
-    }
-    if (field->family_count < 1 || field->family_count > DF_BRICK_COUNT_MAX) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: an octree of %" PRIu32 " families", name, field->family_count);
-    }
-    field->sample_count = (uint64_t)field->family_count * DF_FAMILY_SAMPLE_COUNT;
-    df_status status = check_families(field, name, err);
-    if (status != DF_OK) return status;
-    float low = INFINITY, high = -INFINITY;
-    uint64_t bad = 0, wrong = 0;
-#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad, wrong) if (field->sample_count > PARALLEL_SAMPLES)
-    for (uint32_t f = 0; f < field->family_count; f++) {
-        float range[2], corners[8];
-        if (!sample_range(field, (uint64_t)f * DF_FAMILY_SAMPLE_COUNT, DF_FAMILY_SAMPLE_COUNT, brick_exponent(field, f), range)) bad++;
-        low = range[0] < low ? range[0] : low;
-        high = range[1] > high ? range[1] : high;
-        for (uint32_t c = 0; c < 8; c++) {
-            df_child_state state = child_state(&field->families[f], c);
-            df_adf_corners(field, f, c, corners);
-            wrong += state != DF_CHILD_FAMILY && state != leaf_state(corners);
-        }
-    }
-    if (bad) return df_fail(err, DF_ERROR_FORMAT, "%s: samples that are not finite in %" PRIu64 " families", name, bad);
-    if (wrong) return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " leaves whose state does not fit their samples", name, wrong);
-    field->value_min = low;
-    field->value_max = high;
-    return DF_OK;
-}
-
 df_status df_field_finish(df_field *field, const char *name, df_error *err) {
     df_status status = check_dimensions(field, name, err);
     if (status != DF_OK) return status;
     if (!field->provenance) field->provenance = "{}";
     if (field->kind == DF_FIELD_DENSE) return finish_dense(field, name, err);
     if (field->kind == DF_FIELD_BRICKS) return finish_bricks(field, name, err);
-    if (field->kind == DF_FIELD_ADF) return finish_adf(field, name, err);
+    if (field->kind == DF_FIELD_ADF) return df_octree_finish(field, name, err);
     return df_fail(err, DF_ERROR_FORMAT, "%s: kind %d is not known", name, (int)field->kind);
 }

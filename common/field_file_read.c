@@ -64,11 +64,12 @@ static df_status check_identity(const source *file, df_error *err) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: not a .dfield file", file->path);
     }
     if (header->endian_tag != DF_FILE_ENDIAN_TAG) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged or was written in another byte order", file->path);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged or was written in another byte order",
+                       file->path);
     }
     if (header->version != DF_FILE_VERSION) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: format version %" PRIu32 " (this program reads version %u)", file->path,
-                       header->version, DF_FILE_VERSION);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: format version %" PRIu32 " (this program reads version %u)",
+                       file->path, header->version, DF_FILE_VERSION);
     }
     if (df_crc32c(0, header, sizeof *header - sizeof header->header_crc) != header->header_crc) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: the header is damaged (checksum)", file->path);
@@ -77,12 +78,13 @@ static df_status check_identity(const source *file, df_error *err) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: reserved bytes of the header are in use", file->path);
     }
     if (header->file_size != file->size) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " bytes, but the header says %" PRIu64 ": %s", file->path, file->size,
-                       header->file_size, file->size < header->file_size ? "the file is truncated" : "there is more after its end");
+        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " bytes, but the header says %" PRIu64 ": %s", file->path,
+                       file->size, header->file_size,
+                       file->size < header->file_size ? "the file is truncated" : "there is more after its end");
     }
     if (header->section_count < 1 || header->section_count > DF_SECTION_COUNT_MAX) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " sections (1 to %d are possible)", file->path, header->section_count,
-                       DF_SECTION_COUNT_MAX);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " sections (1 to %d are possible)", file->path,
+                       header->section_count, DF_SECTION_COUNT_MAX);
     }
     return DF_OK;
 }
@@ -96,15 +98,18 @@ static df_status check_table(const source *file, df_error *err) {
     for (uint32_t i = 0; i < header->section_count; i++) {
         const df_file_section *section = &file->sections[i];
         bool last = i + 1 == header->section_count;
-        if (section->offset != df_file_align(end) || section->offset > file->size || section->size > file->size - section->offset ||
-            (last && section->offset + section->size != file->size) || section->reserved ||
-            (section->flags & ~DF_SECTION_OPTIONAL) || (section->tag == DF_SECTION_CHECKSUMS) != last || (section->crc && !last)) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: section %" PRIu32 " at %" PRIu64 " with %" PRIu64 " bytes is out of place",
-                           file->path, i, section->offset, section->size);
+        if (section->offset != df_file_align(end) || section->offset > file->size ||
+            section->size > file->size - section->offset || (last && section->offset + section->size != file->size) ||
+            section->reserved || (section->flags & ~DF_SECTION_OPTIONAL) ||
+            (section->tag == DF_SECTION_CHECKSUMS) != last || (section->crc && !last)) {
+            return df_fail(err, DF_ERROR_FORMAT,
+                           "%s: section %" PRIu32 " at %" PRIu64 " with %" PRIu64 " bytes is out of place", file->path,
+                           i, section->offset, section->size);
         }
         for (uint32_t j = 0; j < i; j++) {
             if (file->sections[j].tag != section->tag) continue;
-            return df_fail(err, DF_ERROR_FORMAT, "%s: sections %" PRIu32 " and %" PRIu32 " have the same name", file->path, j, i);
+            return df_fail(err, DF_ERROR_FORMAT, "%s: sections %" PRIu32 " and %" PRIu32 " have the same name",
+                           file->path, j, i);
         }
         end = section->offset + section->size;
     }
@@ -141,14 +146,15 @@ static const df_file_section *find_section(const source *file, uint32_t tag) {
 }
 
 static df_status check_sections_known(const source *file, df_error *err) {
-    static const uint32_t known[] = {DF_SECTION_CELLS, DF_SECTION_RANGES, DF_SECTION_MASKS, DF_SECTION_STEPS,
-                                     DF_SECTION_FAMILIES, DF_SECTION_SAMPLES, DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
+    static const uint32_t known[] = {DF_SECTION_CELLS,      DF_SECTION_RANGES,   DF_SECTION_MASKS,
+                                     DF_SECTION_STEPS,      DF_SECTION_FAMILIES, DF_SECTION_SAMPLES,
+                                     DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
     for (uint32_t i = 0; i < file->header.section_count; i++) {
         bool found = (file->sections[i].flags & DF_SECTION_OPTIONAL) != 0;
         for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) found = found || file->sections[i].tag == known[k];
         if (!found) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: section %" PRIu32 " (%.4s) is not known to this program", file->path, i,
-                           (const char *)&file->sections[i].tag);
+            return df_fail(err, DF_ERROR_FORMAT, "%s: section %" PRIu32 " (%.4s) is not known to this program",
+                           file->path, i, (const char *)&file->sections[i].tag);
         }
     }
     return DF_OK;
@@ -180,7 +186,8 @@ static df_status verify_body(const source *file, bool mapped, df_error *err) {
     uint64_t size = crcs->offset - begin, block_count = (size + DF_FILE_CRC_BLOCK - 1) / DF_FILE_CRC_BLOCK;
     uint8_t *bytes = (uint8_t *)file->bytes;
     if (crcs->size != block_count * sizeof(uint32_t)) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " bytes of checksums for %" PRIu64 " blocks", file->path, crcs->size, block_count);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " bytes of checksums for %" PRIu64 " blocks", file->path,
+                       crcs->size, block_count);
     }
     if (!mapped) {
         memcpy(bytes, &file->header, sizeof file->header);
@@ -234,21 +241,22 @@ static df_status verify_padding(const source *file, df_error *err) {
 }
 
 /* The section `tag`, which must exist with exactly count * size bytes; *out points into the file. */
-static df_status take_section(const source *file, uint32_t tag, uint64_t count, uint64_t size, const void **out, df_error *err) {
+static df_status take_section(const source *file, uint32_t tag, uint64_t count, uint64_t size, const void **out,
+                              df_error *err) {
     const df_file_section *section = find_section(file, tag);
     uint64_t bytes;
     if (!section) return df_fail(err, DF_ERROR_FORMAT, "%s: section %.4s is missing", file->path, (const char *)&tag);
     if (__builtin_mul_overflow(count, size, &bytes) || section->size != bytes) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: section %.4s has %" PRIu64 " bytes, expected %" PRIu64 " x %" PRIu64, file->path,
-                       (const char *)&tag, section->size, count, size);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: section %.4s has %" PRIu64 " bytes, expected %" PRIu64 " x %" PRIu64,
+                       file->path, (const char *)&tag, section->size, count, size);
     }
     *out = file->bytes + section->offset;
     return DF_OK;
 }
 
 /* A section copied to memory of the field's own, with a zero byte after it. */
-static df_status copy_section(const source *file, df_field *field, uint32_t tag, uint64_t count, uint64_t size, const void **out,
-                              df_error *err) {
+static df_status copy_section(const source *file, df_field *field, uint32_t tag, uint64_t count, uint64_t size,
+                              const void **out, df_error *err) {
     const void *data = NULL;
     uint8_t *copy = NULL;
     df_status status = take_section(file, tag, count, size, &data, err);
@@ -261,17 +269,17 @@ static df_status copy_section(const source *file, df_field *field, uint32_t tag,
     return DF_OK;
 }
 
-static bool exponent_is_usable(int exponent) {
-    return exponent >= -126 && exponent <= 100;
-}
+static bool exponent_is_usable(int exponent) { return exponent >= -126 && exponent <= 100; }
 
 static df_status fill_from_header(const source *file, df_field *field, df_error *err) {
     const df_file_header *header = &file->header;
     if (header->kind < DF_FIELD_DENSE || header->kind > DF_FIELD_ADF) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: kind %" PRIu32 " is not known to this program", file->path, header->kind);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: kind %" PRIu32 " is not known to this program", file->path,
+                       header->kind);
     }
     if (header->sample_type < DF_SAMPLE_F32 || header->sample_type > DF_SAMPLE_U8) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: sample type %" PRIu32 " is not known", file->path, header->sample_type);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: sample type %" PRIu32 " is not known", file->path,
+                       header->sample_type);
     }
     if (header->verdict > DF_VERDICT_UNCERTAIN) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: verdict %" PRIu32 " is not known", file->path, header->verdict);
@@ -281,11 +289,15 @@ static df_status fill_from_header(const source *file, df_field *field, df_error 
     }
     bool dense = header->kind == DF_FIELD_DENSE;
     bool dense_step = dense && header->sample_type != DF_SAMPLE_F32;
-    if ((header->kind != DF_FIELD_BRICKS && header->brick_size) || (header->kind != DF_FIELD_ADF && header->level_count) ||
-        (dense && header->block_count) || (!dense_step && header->step_exponent) || !exponent_is_usable(header->step_exponent)) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 ", %" PRIu32 " blocks, %" PRIu32 " levels, step 2^%" PRId32
-                       " do not fit a %s field", file->path, header->brick_size, header->block_count, header->level_count,
-                       header->step_exponent, df_field_kind_name((df_field_kind)header->kind));
+    if ((header->kind != DF_FIELD_BRICKS && header->brick_size) ||
+        (header->kind != DF_FIELD_ADF && (header->level_count || header->exact_count)) ||
+        (dense && header->block_count) || (!dense_step && header->step_exponent) ||
+        !exponent_is_usable(header->step_exponent)) {
+        return df_fail(err, DF_ERROR_FORMAT,
+                       "%s: brick size %" PRIu32 ", %" PRIu32 " blocks, %" PRIu32 " levels, step 2^%" PRId32
+                       " do not fit a %s field",
+                       file->path, header->brick_size, header->block_count, header->level_count, header->step_exponent,
+                       df_field_kind_name((df_field_kind)header->kind));
     }
     field->kind = (df_field_kind)header->kind;
     field->sample_type = (df_sample_type)header->sample_type;
@@ -294,6 +306,7 @@ static df_status fill_from_header(const source *file, df_field *field, df_error 
     if (header->kind == DF_FIELD_ADF) field->family_count = header->block_count;
     else field->brick_count = header->block_count;
     field->level_count = header->level_count;
+    field->exact_count = header->exact_count;
     field->step_exponent = header->step_exponent;
     field->error_max = header->error_max;
     field->error_rms = header->error_rms;
@@ -302,8 +315,8 @@ static df_status fill_from_header(const source *file, df_field *field, df_error 
         field->voxel_size[a] = header->voxel_size[a];
         field->origin[a] = header->origin[a];
         if (field->voxel_count[a] < 1 || field->voxel_count[a] > DF_VOXEL_COUNT_MAX) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " voxels along axis %d (1 to %u are possible)", file->path,
-                           field->voxel_count[a], a, DF_VOXEL_COUNT_MAX);
+            return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " voxels along axis %d (1 to %u are possible)",
+                           file->path, field->voxel_count[a], a, DF_VOXEL_COUNT_MAX);
         }
     }
     return DF_OK;
@@ -324,34 +337,55 @@ static df_status take_provenance(const source *file, df_field *field, df_error *
     return DF_OK;
 }
 
-/* The exponents of bricks or families, and their samples. */
-static df_status take_block_samples(const source *file, df_field *field, uint32_t block_count, uint32_t samples_per_block, df_error *err) {
-    if (field->sample_type != DF_SAMPLE_F32) {
-        df_status status = copy_section(file, field, DF_SECTION_STEPS, block_count, 1, (const void **)&field->brick_exponents, err);
-        if (status != DF_OK) return status;
-        for (uint32_t b = 0; b < block_count; b++) {
-            if (exponent_is_usable(field->brick_exponents[b])) continue;
-            return df_fail(err, DF_ERROR_FORMAT, "%s: block %" PRIu32 " has a step of 2^%d", file->path, b, field->brick_exponents[b]);
-        }
+/* The exponents of bricks or families. */
+static df_status take_steps(const source *file, df_field *field, uint32_t block_count, df_error *err) {
+    if (field->sample_type == DF_SAMPLE_F32) return DF_OK;
+    df_status status =
+        copy_section(file, field, DF_SECTION_STEPS, block_count, 1, (const void **)&field->brick_exponents, err);
+    for (uint32_t b = 0; status == DF_OK && b < block_count; b++) {
+        if (exponent_is_usable(field->brick_exponents[b])) continue;
+        status = df_fail(err, DF_ERROR_FORMAT, "%s: block %" PRIu32 " has a step of 2^%d", file->path, b,
+                         field->brick_exponents[b]);
     }
-    return take_section(file, DF_SECTION_SAMPLES, (uint64_t)block_count * samples_per_block, df_sample_size(field->sample_type),
-                        &field->samples, err);
+    return status;
 }
 
 static df_status take_families(const source *file, df_field *field, df_error *err) {
-    df_status status = copy_section(file, field, DF_SECTION_FAMILIES, field->family_count, sizeof(df_family),
-                                    (const void **)&field->families, err);
-    return status == DF_OK ? take_block_samples(file, field, field->family_count, DF_FAMILY_SAMPLE_COUNT, err) : status;
+    const void *bytes = NULL;
+    df_family *families;
+    if (field->exact_count > field->family_count ||
+        (field->sample_type == DF_SAMPLE_F32 && field->exact_count < field->family_count)) {
+        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu32 " of %" PRIu32 " octree families are exact", file->path,
+                       field->exact_count, field->family_count);
+    }
+    df_status status = take_section(file, DF_SECTION_SAMPLES, df_adf_sample_bytes(field), 1, &field->samples, err);
+    if (status == DF_OK) status = take_steps(file, field, field->family_count - field->exact_count, err);
+    if (status == DF_OK) status = take_section(file, DF_SECTION_FAMILIES, field->family_count, 1, &bytes, err);
+    if (status == DF_OK) status = df_alloc((void **)&families, field->family_count, sizeof *families, file->path, err);
+    if (status != DF_OK) return status;
+    df_field_own(field, families);
+    field->families = families;
+    for (uint32_t f = 0; f < field->family_count; f++) {
+        for (uint32_t c = 0; c < 8; c++) {
+            if (((const uint8_t *)bytes)[f] >> c & 1) families[f].states |= (uint32_t)DF_CHILD_FAMILY << 2 * c;
+        }
+    }
+    return DF_OK;
 }
 
 static df_status take_bricks(const source *file, df_field *field, df_error *err) {
     uint32_t k = field->brick_size;
     uint64_t cell_total = 1;
-    if (k != 4 && k != 8) return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 " (4 and 8 are possible)", file->path, k);
+    if (k != 4 && k != 8)
+        return df_fail(err, DF_ERROR_FORMAT, "%s: brick size %" PRIu32 " (4 and 8 are possible)", file->path, k);
     for (int a = 0; a < 3; a++) cell_total *= (field->voxel_count[a] + k - 1) / k;
-    df_status status = copy_section(file, field, DF_SECTION_CELLS, cell_total, sizeof(uint32_t), (const void **)&field->cells, err);
+    df_status status =
+        copy_section(file, field, DF_SECTION_CELLS, cell_total, sizeof(uint32_t), (const void **)&field->cells, err);
     if (status != DF_OK) return status;
-    return take_block_samples(file, field, field->brick_count, df_brick_sample_count(k), err);
+    status = take_steps(file, field, field->brick_count, err);
+    if (status != DF_OK) return status;
+    return take_section(file, DF_SECTION_SAMPLES, (uint64_t)field->brick_count * df_brick_sample_count(k),
+                        df_sample_size(field->sample_type), &field->samples, err);
 }
 
 /* Compares what the file says about its samples with what the samples say. */
@@ -359,9 +393,10 @@ static df_status verify_derived(const source *file, const df_field *field, df_er
     const df_file_header *header = &file->header;
     if (header->sample_count != field->sample_count || header->value_range[0] != field->value_min ||
         header->value_range[1] != field->value_max) {
-        return df_fail(err, DF_ERROR_FORMAT, "%s: %" PRIu64 " samples from %g to %g, but the header says %" PRIu64 " from %g to %g",
-                       file->path, field->sample_count, (double)field->value_min, (double)field->value_max, header->sample_count,
-                       (double)header->value_range[0], (double)header->value_range[1]);
+        return df_fail(err, DF_ERROR_FORMAT,
+                       "%s: %" PRIu64 " samples from %g to %g, but the header says %" PRIu64 " from %g to %g",
+                       file->path, field->sample_count, (double)field->value_min, (double)field->value_max,
+                       header->sample_count, (double)header->value_range[0], (double)header->value_range[1]);
     }
     if (field->kind != DF_FIELD_BRICKS) return DF_OK;
     const void *ranges = NULL, *masks = NULL;
@@ -413,7 +448,8 @@ df_status df_field_read(const char *path, df_read_mode mode, df_field *field, df
     return status;
 }
 
-df_status df_field_sections(const char *path, df_section_info sections[DF_SECTION_COUNT_MAX], uint32_t *count, df_error *err) {
+df_status df_field_sections(const char *path, df_section_info sections[DF_SECTION_COUNT_MAX], uint32_t *count,
+                            df_error *err) {
     source file;
     *count = 0;
     df_status status = open_source(&file, path, err);

@@ -66,6 +66,7 @@ static void fill_header(const df_field *field, const layout *file, df_file_heade
     header->step_exponent = field->step_exponent;
     header->block_count = field->kind == DF_FIELD_ADF ? field->family_count : field->brick_count;
     header->level_count = field->level_count;
+    header->exact_count = field->exact_count;
     header->sample_count = field->sample_count;
     header->error_max = field->error_max;
     header->error_rms = field->error_rms;
@@ -73,7 +74,8 @@ static void fill_header(const df_field *field, const layout *file, df_file_heade
     header->header_crc = df_crc32c(0, header, sizeof *header - sizeof header->header_crc);
 }
 
-static void add_field_sections(const df_field *field, layout *file) {
+/* divided: of an ADF, by family */
+static void add_field_sections(const df_field *field, const uint8_t *divided, layout *file) {
     if (field->kind == DF_FIELD_BRICKS) {
         uint64_t cell_total = (uint64_t)field->cell_count[0] * field->cell_count[1] * field->cell_count[2];
         uint64_t words = (uint64_t)field->brick_count * df_brick_mask_words(field->brick_size);
@@ -83,14 +85,30 @@ static void add_field_sections(const df_field *field, layout *file) {
         if (field->brick_exponents) add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->brick_count);
     }
     if (field->kind == DF_FIELD_ADF) {
-        add_section(file, DF_SECTION_FAMILIES, field->families, field->family_count * sizeof *field->families);
-        if (field->brick_exponents) add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->family_count);
+        add_section(file, DF_SECTION_FAMILIES, divided, field->family_count);
+        if (field->brick_exponents) {
+            add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->family_count - field->exact_count);
+        }
+        add_section(file, DF_SECTION_SAMPLES, field->samples, df_adf_sample_bytes(field));
+    } else {
+        add_section(file, DF_SECTION_SAMPLES, field->samples, field->sample_count * df_sample_size(field->sample_type));
     }
-    add_section(file, DF_SECTION_SAMPLES, field->samples, field->sample_count * df_sample_size(field->sample_type));
     add_section(file, DF_SECTION_PROVENANCE, field->provenance, strlen(field->provenance));
 }
 
-static df_status write_padded(df_output *output, uint64_t *at, uint64_t offset, const void *data, uint64_t size, df_error *err) {
+/* By family: a bit for each child that is divided. */
+static df_status list_divided(const df_field *field, uint8_t **divided, df_error *err) {
+    df_status status = df_alloc((void **)divided, field->family_count, 1, "octree", err);
+    for (uint32_t f = 0; status == DF_OK && f < field->family_count; f++) {
+        for (uint32_t c = 0; c < 8; c++) {
+            (*divided)[f] |= (uint8_t)((df_family_state(&field->families[f], c) == DF_CHILD_FAMILY) << c);
+        }
+    }
+    return status;
+}
+
+static df_status write_padded(df_output *output, uint64_t *at, uint64_t offset, const void *data, uint64_t size,
+                              df_error *err) {
     static const uint8_t zeros[DF_FILE_ALIGNMENT];
     assert(offset - *at < DF_FILE_ALIGNMENT);
     df_status status = df_output_write(output, zeros, offset - *at, err);
@@ -101,17 +119,20 @@ static df_status write_padded(df_output *output, uint64_t *at, uint64_t offset, 
 
 df_status df_field_write(df_field *field, const char *path, df_error *err) {
     assert(field->provenance && field->samples);
+    uint8_t *divided = NULL;
+    uint32_t *crcs = NULL;
+    df_status status = list_divided(field, &divided, err);
+    if (status != DF_OK) goto done;
     /* Section offsets depend on the size of the table, hence on the number of sections. */
     layout file = {0};
-    add_field_sections(field, &file);
+    add_field_sections(field, divided, &file);
     uint32_t section_count = file.count + 1;
     uint64_t begin = body_begin(section_count);
     file = (layout){.end = begin};
-    add_field_sections(field, &file);
+    add_field_sections(field, divided, &file);
     uint64_t block_count = (df_file_align(file.end) - begin + DF_FILE_CRC_BLOCK - 1) / DF_FILE_CRC_BLOCK;
-    uint32_t *crcs;
-    df_status status = df_alloc((void **)&crcs, block_count, sizeof *crcs, "checksums", err);
-    if (status != DF_OK) return status;
+    status = df_alloc((void **)&crcs, block_count, sizeof *crcs, "checksums", err);
+    if (status != DF_OK) goto done;
     checksum_body(&file, begin, crcs);
     add_section(&file, DF_SECTION_CHECKSUMS, crcs, block_count * sizeof *crcs);
     file.sections[file.count - 1].crc = df_crc32c(0, crcs, block_count * sizeof *crcs);
@@ -133,6 +154,7 @@ df_status df_field_write(df_field *field, const char *path, df_error *err) {
     else df_output_discard(&output);
     if (status == DF_OK) field->checksum = df_crc32c(header.header_crc, crcs, block_count * sizeof *crcs);
 done:
+    free(divided);
     free(crcs);
     return status;
 }

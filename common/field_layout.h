@@ -1,6 +1,6 @@
 /*
- * The .dfield layout, version 1, as C structs: what field_file_read.c and field_file_write.c share. FORMAT.md explains it.
- * All numbers are little endian; this code runs on little-endian machines only and says so at compile time.
+ * The .dfield layout, version 1, as C structs: what field_file_read.c and field_file_write.c share. FORMAT.md explains
+ * it. All numbers are little endian; this code runs on little-endian machines only and says so at compile time.
  */
 #ifndef DF_FIELD_LAYOUT_H
 #define DF_FIELD_LAYOUT_H
@@ -10,7 +10,9 @@
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the .dfield code needs a little-endian machine");
 
-#define DF_FILE_MAGIC "\x89" "DFIELD\n"
+#define DF_FILE_MAGIC \
+    "\x89"            \
+    "DFIELD\n"
 #define DF_FILE_VERSION 1u
 #define DF_FILE_ENDIAN_TAG 0x01020304u
 #define DF_FILE_ALIGNMENT 64u
@@ -48,7 +50,8 @@ typedef struct df_file_header {
     double error_max;
     double error_rms;
     uint32_t level_count;
-    uint8_t reserved[100];
+    uint32_t exact_count; /* families stored as floats */
+    uint8_t reserved[96];
     uint32_t table_crc;  /* CRC-32C of the section table */
     uint32_t header_crc; /* CRC-32C of the header up to here */
 } df_file_header;

@@ -1,25 +1,38 @@
 /*
- * Adaptively sampled distance fields (Frisken et al. 2000): an octree whose cells are only as small as the error bound asks.
+ * Adaptively sampled distance fields (Frisken et al. 2000): an octree whose cells are only as small as the error asks.
  *
- * Top down: a cell that the surface may cross is divided while the trilinear interpolation of its corners misses the distance by more than
- * a share of the bound, at the 19 other samples of its would-be children or at points of the faces inside it. Elsewhere only the side counts.
- * Then levels are made continuous by impose or split: a sample on the border of a larger leaf takes the value that leaf has there;
- * where that would move a corner of a cell with surface by more than another share of the bound, the larger leaf is divided.
+ * Top down: a cell that the surface may cross is divided while the trilinear function that fits its 27 samples best
+ * misses them, or a point of a face inside it, by more than a share of the largest error allowed, or in the root mean
+ * square by more than `rms_slope` over its side. The latter is the rule that makes the error over the whole surface
+ * smallest for a number of cells: the cells on a piece of surface grow by its area over the side's square, their error
+ * counts by that area, so dividing pays alike everywhere where error times side is alike.
+ *
+ * Then the samples are fitted: each moves to the mean of what the leaves around it would like best, weighted by their
+ * areas; that leaves about half of the error of exact samples. Which side a sample lies on never changes. Samples on
+ * the border of a larger leaf take its interpolated value, so that the field is continuous; leaves that this spoils
+ * have the larger leaf divided. With max_error = 0 all samples are exact: the classic octree of full depth.
  */
 #ifndef DF_ADF_H
 #define DF_ADF_H
 
 #include "common/field.h"
 #include "convert/distance.h"
+#include "convert/face_tree.h"
 #include "convert/sign.h"
 
 typedef struct df_adf_input {
-    const char *name; /* for messages */
-    const df_lattice *lattice; /* of the finest level */
-    const df_distance_source *source;
-    const df_mesh *mesh; /* whose faces cross cells; NULL: cells are judged by the source's distance at their centre */
+    const char *name;                 /* for messages */
+    const df_lattice *lattice;        /* of the finest level */
+    const df_distance_source *source; /* of distances; unsigned ones need a tree */
+    const df_face_tree *tree;         /* the faces of the surface; NULL: see crosses */
+    bool tree_is_source;              /* distances are those of the tree: quicker */
+    /* Without a tree: false only where the surface does not cross a cell, given by its corner and side in voxels. */
+    bool (*crosses)(const void *context, const uint32_t corner[3], uint32_t side);
+    const void *crosses_context;
     df_sign *sign;       /* as for df_build */
+    const df_mesh *mesh; /* the input, which sign->mesh may be */
     double max_error;    /* world units, >= 0 */
+    double rms_slope;    /* world units * voxels: cells are divided while rms error * side is larger; INFINITY: never */
     bool quiet;
 } df_adf_input;
 
@@ -30,7 +43,8 @@ typedef struct df_adf_report {
     double sign_ms, divide_ms, continuity_ms, structure_ms;
 } df_adf_report;
 
-/* Builds a finished ADF field, provenance still empty. On failure *field is empty. */
+/* Builds a finished ADF field, provenance still empty. The bytes do not depend on the number of threads. On failure
+ * *field is empty. */
 df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err);
 
 #endif

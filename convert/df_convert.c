@@ -465,15 +465,29 @@ static double max_error_world(const request *r, double voxel_size) {
 
 static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source,
                            df_field *field, df_convert_report *report, df_error *err) {
+    const bool from_tree = !report->is_shape && r->distance == DISTANCE_EXACT;
+    df_face_tree made = {0};
+    df_shape_cells cells = {&s->shape, lattice};
     df_adf_input input = {.name = r->input,
                           .lattice = lattice,
                           .source = source,
+                          .tree = from_tree          ? df_distance_exact_tree(source)
+                                  : report->is_shape ? NULL
+                                                     : &made,
+                          .tree_is_source = from_tree,
+                          .crosses = df_shape_crosses,
+                          .crosses_context = &cells,
                           .mesh = report->is_shape ? NULL : &s->mesh,
                           .sign = &s->sign,
                           .max_error = max_error_world(r, lattice->voxel_size),
+                          .rms_slope = (double)INFINITY,
                           .quiet = r->quiet};
+    df_status status = DF_OK;
+    if (input.tree == &made) status = df_face_tree_make(&s->mesh, &made, err);
+    if (status != DF_OK) return status;
     df_adf_report adf;
-    df_status status = df_adf_build(&input, field, &adf, err);
+    status = df_adf_build(&input, field, &adf, err);
+    df_face_tree_free(&made);
     report->build.samples_computed = adf.samples_computed;
     report->build.sign_ms = adf.sign_ms;
     report->build.distance_ms = adf.divide_ms;

@@ -13,7 +13,7 @@ typedef struct probe {
     float corners[8];
     double local[3];
     double world[3];
-    double edge;  /* of the cell, world units */
+    double edge;  /* of the cell, world units; 0 where it does not count */
     double error; /* of the interpolated value */
 } probe;
 
@@ -125,20 +125,19 @@ static bool is_wall(const probe *p) {
 
 static df_status compare(const df_truth *truth, const df_face_tree *tree, probe *probes, uint64_t count,
                          df_field *field, df_error *err) {
-    double largest = 0, sum = 0;
-    uint64_t walls = 0;
+    double largest = 0, sum = 0, area = 0;
     bool short_of_memory = false;
 #pragma omp parallel reduction(|| : short_of_memory)
     {
         uint32_t *active = malloc(((truth->sign ? truth->sign->made.cap_count : 0) + 1) * sizeof *active);
         short_of_memory = !active;
-#pragma omp for schedule(dynamic, 64) reduction(max : largest) reduction(+ : walls)
+#pragma omp for schedule(dynamic, 64) reduction(max : largest)
         for (uint64_t i = 0; i < count; i++) {
             if (!active) continue;
             probe *p = &probes[i];
             p->error = 0;
             if (is_wall(p)) {
-                walls++;
+                p->edge = 0;
                 continue;
             }
             p->error = df_trilinear(p->corners, p->local) - true_distance(truth, tree, active, &p->world);
@@ -147,11 +146,13 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, probe 
         free(active);
     }
     if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
-    /* in order: the same sum for any threads */
-    for (uint64_t i = 0; i < count; i++) sum += probes[i].error * probes[i].error;
+    for (uint64_t i = 0; i < count; i++) { /* in order: the same sum for any threads */
+        sum += probes[i].edge * probes[i].edge * probes[i].error * probes[i].error;
+        area += probes[i].edge * probes[i].edge;
+    }
     if (isnan(sum)) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     field->error_max = largest;
-    field->error_rms = count > walls ? sqrt(sum / (double)(count - walls)) : 0;
+    field->error_rms = area > 0 ? sqrt(sum / area) : 0;
     return DF_OK;
 }
 

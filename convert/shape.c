@@ -293,15 +293,27 @@ void df_distance_shape(const df_shape *shape, df_distance_source *source) {
     *source = (df_distance_source){(void *)(uintptr_t)shape, true, fill, at, NULL};
 }
 
+/* False where the surface is further than `reach` from a point. */
+static bool may_reach(const df_shape *shape, const double p[3], double reach) {
+    double q[3], scale;
+    if (shape->kind == DF_SHAPE_GYROID) {
+        gyroid_point(shape, p, q, &scale);
+        if (gyroid_at_least(q) / scale - shape->thickness / 2 > reach) return false;
+    }
+    return fabs(df_shape_distance(shape, p)) <= reach;
+}
+
 bool df_shape_keeps_cell(const void *context, const uint32_t cell[3]) {
     const df_shape_cells *c = context;
     double centre[3], half = c->lattice->brick_size * 0.5;
     for (int a = 0; a < 3; a++)
         centre[a] = df_lattice_at(c->lattice, a, cell[a] * c->lattice->brick_size) + half * c->lattice->voxel_size;
-    double reach = (half + DF_CELL_REACH) * 1.7320508075688773 * c->lattice->voxel_size, q[3], scale;
-    if (c->shape->kind == DF_SHAPE_GYROID) {
-        gyroid_point(c->shape, centre, q, &scale);
-        if (gyroid_at_least(q) / scale - c->shape->thickness / 2 > reach) return false;
-    }
-    return fabs(df_shape_distance(c->shape, centre)) <= reach;
+    return may_reach(c->shape, centre, (half + DF_CELL_REACH) * 1.7320508075688773 * c->lattice->voxel_size);
+}
+
+bool df_shape_crosses(const void *context, const uint32_t corner[3], uint32_t side) {
+    const df_shape_cells *c = context;
+    double centre[3], half = side * 0.5 * c->lattice->voxel_size;
+    for (int a = 0; a < 3; a++) centre[a] = df_lattice_at(c->lattice, a, corner[a]) + half;
+    return may_reach(c->shape, centre, half * 1.7320508075688773 * (1 + 1e-9));
 }

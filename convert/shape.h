@@ -55,4 +55,7 @@ typedef struct df_shape_cells {
 } df_shape_cells;
 bool df_shape_keeps_cell(const void *shape_cells, const uint32_t cell[3]);
 
+/* For df_adf_input.crosses. */
+bool df_shape_crosses(const void *shape_cells, const uint32_t corner[3], uint32_t side);
+
 #endif

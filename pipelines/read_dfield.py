@@ -4,7 +4,7 @@
     field = read_dfield.read('bunny.dfield')
     field['samples']            dense: array [z, y, x]; bricks: array [brick, z, y, x]; float32, decoded
     field['cells']              bricks: array [z, y, x] of brick indices, OUTSIDE or INSIDE
-    field['families']           adf: array [family, (first_child, states)]; samples: array [family, z, y, x]
+    field['divided']            adf: by family, a bit for each child that is divided; samples: array [family, z, y, x]
 
 As a program: read_dfield.py FILE I J K prints one sample.
 """
@@ -33,8 +33,8 @@ def read(path, verify=False):
     if data[:8] != b'\x89DFIELD\n' or crc32c(data[:252]) != struct.unpack_from('<I', data, 252)[0]:
         raise ValueError(path + ': not a .dfield file, or its header is damaged')
     names = ('version endian_tag file_size section_count kind sample_type brick_size p q r verdict hx hy hz ox oy oz '
-             'value_min value_max step_exponent block_count sample_count error_max error_rms level_count').split()
-    head = dict(zip(names, struct.unpack_from('<IIQIIIIIIIIddddddffiIQddI', data, 8)))
+             'value_min value_max step_exponent block_count sample_count error_max error_rms level_count exact_count').split()
+    head = dict(zip(names, struct.unpack_from('<IIQIIIIIIIIddddddffiIQddII', data, 8)))
     table = data[256:256 + 32 * head['section_count']]
     if crc32c(table) != struct.unpack_from('<I', data, 248)[0] or len(data) != head['file_size']:
         raise ValueError(path + ': the section table is damaged, or the file has the wrong size')
@@ -63,11 +63,38 @@ def read(path, verify=False):
         samples = raw.reshape(head['block_count'], k + 1, k + 1, k + 1)
         head['cells'] = section('CELL', '<u4').reshape([-(-n // k) for n in counts])
     else:
-        samples = raw.reshape(head['block_count'], 3, 3, 3)
-        head['families'] = section('FAMI', '<u4').reshape(-1, 2)
+        head['divided'] = section('FAMI', 'u1')
+        floats = np.frombuffer(data, '<f4', 8 + 19 * head['exact_count'], sections['SAMP'][0])
+        rest = section('SAMP', 'u1')[4 * floats.size:].view(dtype).reshape(-1, 19)
+        steps = np.ldexp(np.float32(1), section('STEP', 'i1').astype(np.int32)[:, None]) if zero else 0
+        stored = [floats[8:].reshape(-1, 19), (rest.astype(np.float32) - np.float32(zero)) * steps]
+        head['samples'] = octree_samples(floats[:8], stored, head['divided'])
+        return head
     exponents = head['step_exponent'] if head['kind'] == 1 else section('STEP', 'i1').reshape(-1, 1, 1, 1) if zero else 0
     head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), np.int32(exponents)) if zero else samples
     return head
+
+
+def octree_samples(root, stored, divided):
+    """All 27 samples of each family: the first families' are stored, the others' are what they differ from means of corners."""
+    exact, (family, child) = len(stored[0]), np.nonzero(np.unpackbits(divided[:, None], axis=1, bitorder='little'))
+    out, cells = np.empty((len(divided), 3, 3, 3), np.float32), np.empty((len(divided), 2, 2, 2), np.float32)
+    inner = [i for i in range(27) if i not in (0, 2, 6, 8, 18, 20, 24, 26)]
+    cells[0], first, end = root.reshape(2, 2, 2), 0, 1
+    while first < end:  # level by level
+        means = cells[first:end]
+        for axis in (3, 2, 1):
+            low, high = np.split(means, 2, axis)
+            means = np.concatenate([low, (low + high) * np.float32(0.5), high], axis)
+        flat, n = means.reshape(-1, 27), min(max(exact - first, 0), end - first)
+        flat[:n, inner] = stored[0][first:first + n]
+        flat[n:, inner] += stored[1][first + n - exact:end - exact] if end > exact else 0
+        out[first:end] = flat.reshape(-1, 3, 3, 3)
+        first, end = end, 1 + np.count_nonzero(family < end)
+        for f in range(first, end):
+            c = child[f - 1]
+            cells[f] = out[family[f - 1], c >> 2:(c >> 2) + 2, c >> 1 & 1:(c >> 1 & 1) + 2, c & 1:(c & 1) + 2]
+    return out
 
 
 def sample(field, i, j, k):

@@ -103,15 +103,6 @@ static void sample_family(const family_place *place, test_function function, con
     }
 }
 
-static df_child_state family_child(const float samples[27], uint32_t child) {
-    int inside = 0;
-    for (uint32_t c = 0; c < 8; c++) {
-        uint32_t x = (child & 1) + (c & 1), y = (child >> 1 & 1) + (c >> 1 & 1), z = (child >> 2) + (c >> 2);
-        inside += samples[x + 3 * (y + 3 * z)] < 0;
-    }
-    return inside == 0 ? DF_CHILD_OUTSIDE : inside == 8 ? DF_CHILD_INSIDE : DF_CHILD_SURFACE;
-}
-
 /* True when the voxel samples of the closed cell lie on both sides. */
 static bool cell_is_mixed(const family_place *place, test_function function, const void *context) {
     bool any[2] = {false, false};
@@ -134,7 +125,9 @@ static df_status make_adf(df_field *field, test_function function, const void *c
     df_status status = df_alloc((void **)&places, FAMILY_MAX, sizeof *places, "places", err);
     if (status == DF_OK) status = df_alloc((void **)&families, FAMILY_MAX, sizeof *families, "families", err);
     if (status == DF_OK) df_field_own(field, families);
-    if (status == DF_OK) status = df_alloc((void **)&samples, FAMILY_MAX, 27 * sizeof *samples, "samples", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&samples, 8 + (uint64_t)FAMILY_MAX * DF_FAMILY_STORED_COUNT, sizeof *samples,
+                          "samples", err);
     if (status != DF_OK) return status;
     df_field_own(field, samples);
     for (field->level_count = 1; (1u << field->level_count) < field->voxel_count[0] ||
@@ -145,18 +138,17 @@ static df_status make_adf(df_field *field, test_function function, const void *c
     places[0].side = 1u << field->level_count;
     uint32_t count = 1;
     for (uint32_t f = 0; f < count; f++) {
-        sample_family(&places[f], function, context, samples + 27 * (size_t)f);
+        float family[27];
+        sample_family(&places[f], function, context, family);
+        df_family_store(family, f, samples);
         for (uint32_t child = 0; child < 8; child++) {
             family_place place = {.side = places[f].side / 2};
-            df_child_state state = family_child(samples + 27 * (size_t)f, child);
             for (int a = 0; a < 3; a++) place.corner[a] = places[f].corner[a] + (child >> a & 1) * place.side;
             bool mixed = place.side > 1 && cell_is_mixed(&place, function, context);
             if (mixed && count < FAMILY_MAX) {
-                state = DF_CHILD_FAMILY;
-                if (!families[f].first_child) families[f].first_child = count;
+                families[f].states |= (uint32_t)DF_CHILD_FAMILY << 2 * child;
                 places[count++] = place;
             }
-            families[f].states |= (uint32_t)state << 2 * child;
         }
     }
     free(places);

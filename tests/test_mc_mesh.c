@@ -157,31 +157,24 @@ static void make_random_tree(df_field *field, uint64_t seed) {
     }
     for (uint32_t side = ROOT / 2; side > 1; side /= 2) impose(&tree, (uint32_t[3]){0}, ROOT, side);
     df_family *families = calloc(FAMILY_MAX, sizeof *families);
-    float *samples = malloc(FAMILY_MAX * 27 * sizeof *samples);
+    float *samples = malloc((8 + FAMILY_MAX * DF_FAMILY_STORED_COUNT) * sizeof *samples);
     uint32_t(*corners)[4] = calloc(FAMILY_MAX, sizeof *corners), count = 1;
     corners[0][3] = ROOT;
     for (uint32_t f = 0; f < count; f++) {
         uint32_t half = corners[f][3] / 2;
+        float family[27];
         for (uint32_t s = 0; s < 27; s++) {
-            samples[27 * f + s] =
+            family[s] =
                 tree.values[corners[f][0] + s % 3 * half +
                             LATTICE * (corners[f][1] + s / 3 % 3 * half + LATTICE * (corners[f][2] + s / 9 * half))];
         }
+        df_family_store(family, f, samples);
         for (uint32_t c = 0; c < 8; c++) {
             uint32_t child[4] = {corners[f][0] + (c & 1) * half, corners[f][1] + (c >> 1 & 1) * half,
                                  corners[f][2] + (c >> 2) * half, half};
-            uint32_t inside = 0, state = DF_CHILD_FAMILY;
-            for (uint32_t k = 0; k < 8; k++) {
-                inside += samples[27 * f + (c & 1) + (k & 1) +
-                                  3 * ((c >> 1 & 1) + (k >> 1 & 1) + 3 * ((c >> 2) + (k >> 2)))] < 0;
-            }
-            if (is_divided(&tree, child, half)) {
-                if (!families[f].first_child) families[f].first_child = count;
-                memcpy(corners[count++], child, sizeof child);
-            } else {
-                state = inside == 0 ? DF_CHILD_OUTSIDE : inside == 8 ? DF_CHILD_INSIDE : DF_CHILD_SURFACE;
-            }
-            families[f].states |= state << 2 * c;
+            if (!is_divided(&tree, child, half)) continue;
+            families[f].states |= (uint32_t)DF_CHILD_FAMILY << 2 * c;
+            memcpy(corners[count++], child, sizeof child);
         }
     }
     free(corners);

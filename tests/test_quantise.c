@@ -19,7 +19,7 @@ static double wave(const double grid[3], const void *context) {
 }
 
 static float decoded(const df_field *f, uint64_t i) {
-    uint32_t block = f->kind == DF_FIELD_BRICKS ? df_brick_sample_count(f->brick_size) : DF_FAMILY_SAMPLE_COUNT;
+    uint32_t block = df_brick_sample_count(f->kind == DF_FIELD_BRICKS ? f->brick_size : 8);
     return df_field_decode(f, i, f->brick_exponents ? f->brick_exponents[i / block] : f->step_exponent);
 }
 

@@ -163,7 +163,7 @@ static void family_child(const octree *o, uint32_t family, uint32_t child, df_ad
     *cell = (df_adf_cell){.side = r->child_side,
                           .family = family,
                           .child = child,
-                          .state = (df_child_state)(o->field->families[family].states >> 2 * child & 3)};
+                          .state = df_family_state(&o->field->families[family], child)};
     for (uint32_t a = 0; a < 3; a++) cell->corner[a] = r->corner[a] + (child >> a & 1) * cell->side;
 }
 

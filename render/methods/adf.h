@@ -11,27 +11,45 @@
 
 #include "render/methods/dda.h"
 
+#include <string.h>
+
 typedef struct adf_walk {
     uint32_t voxel[3];                    /* on the finest level */
     uint32_t path[DF_LEVEL_COUNT_MAX];    /* families from the root's down to the current leaf's */
     uint32_t depth;                       /* of the current leaf's family: path[depth] */
+    float cells[DF_LEVEL_COUNT_MAX][8];   /* corner values of the cells that became the families of the path */
+    uint32_t cells_known;                 /* the first so many of them; the rest is decoded when a leaf needs it */
     uint32_t corner[3], size_log2, child; /* the current leaf */
     df_child_state state;
 } adf_walk;
+
+/* The child of path[depth] around the voxel. */
+static inline uint32_t adf_child(const df_field *field, const adf_walk *w, uint32_t depth) {
+    const uint32_t bit = field->level_count - 1 - depth;
+    return (w->voxel[0] >> bit & 1) | (w->voxel[1] >> bit & 1) << 1 | (w->voxel[2] >> bit & 1) << 2;
+}
 
 /* Goes down from path[depth] to the leaf around the voxel. */
 static inline void adf_descend(const df_field *field, adf_walk *w) {
     for (;;) {
         const df_family *family = &field->families[w->path[w->depth]];
-        w->size_log2 = field->level_count - 1 - w->depth;
-        w->child = (w->voxel[0] >> w->size_log2 & 1) | (w->voxel[1] >> w->size_log2 & 1) << 1 |
-                   (w->voxel[2] >> w->size_log2 & 1) << 2;
-        w->state = (df_child_state)(family->states >> 2 * w->child & 3);
+        w->child = adf_child(field, w, w->depth);
+        w->state = df_family_state(family, w->child);
         if (w->state != DF_CHILD_FAMILY) break;
-        const uint32_t both = family->states & family->states >> 1 & 0x5555; /* one bit a child that is a family */
-        w->path[++w->depth] = family->first_child + (uint32_t)__builtin_popcount(both & ((1u << 2 * w->child) - 1));
+        w->path[++w->depth] = df_family_child(family, w->child);
     }
+    w->size_log2 = field->level_count - 1 - w->depth;
     for (int a = 0; a < 3; a++) w->corner[a] = w->voxel[a] >> w->size_log2 << w->size_log2;
+}
+
+/* The corner values of the leaf, decoded along the path: df_adf_corners for less. */
+static inline void adf_leaf_corners(const df_field *field, adf_walk *w, float corners[8]) {
+    for (; w->cells_known <= w->depth; w->cells_known++) {
+        const uint32_t parent = w->cells_known - 1;
+        df_adf_child_corners(field, w->path[parent], adf_child(field, w, parent), w->cells[parent],
+                             w->cells[parent + 1]);
+    }
+    df_adf_child_corners(field, w->path[w->depth], w->child, w->cells[w->depth], corners);
 }
 
 /* Moves to the voxel after the event at which the ray leaves the leaf; false at the end of the root cube. */
@@ -62,6 +80,7 @@ static inline bool adf_step(const df_field *field, const dda_ray *ray, adf_walk 
     /* The family of the highest level on which the path changes. */
     const uint32_t highest = 31 - (uint32_t)__builtin_clz(changed), depth = field->level_count - 1 - highest;
     if (depth < w->depth) w->depth = depth;
+    if (w->cells_known > w->depth + 1) w->cells_known = w->depth + 1;
     adf_descend(field, w);
     return true;
 }
@@ -75,7 +94,7 @@ static inline void adf_candidate(const adf_walk *w, bool inside, df_candidate *c
 
 /* What a leaf does to a ray: returns true for a hit; otherwise *side becomes the side on which the ray leaves it (0
  * outside, 1 inside; -1 while nothing is known). */
-static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray *ray, const adf_walk *w, int *side,
+static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray *ray, adf_walk *w, int *side,
                              df_candidate *candidate, df_counters *counters) {
     bool mixed = w->state == DF_CHILD_SURFACE, inside = w->state == DF_CHILD_INSIDE;
     const float lower[3] = {(float)w->corner[0], (float)w->corner[1], (float)w->corner[2]};
@@ -84,7 +103,8 @@ static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray 
         if (w->corner[a] >= scene->voxel_count[a]) return false; /* beyond the field's box */
     }
     if (mixed || scene->iso != 0) {
-        df_scene_corners(scene, w->corner, w->path[w->depth] << 3 | w->child, corner);
+        adf_leaf_corners(scene->field, w, corner);
+        for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
         mixed = df_corners_straddle(corner, 0);
         inside = corner[0] < 0;
     }
@@ -117,7 +137,7 @@ static inline bool adf_walk_scene(const df_scene *scene, bool isolate, const dda
     const df_field *field = scene->field;
     const uint32_t side = 1u << field->level_count, cube[3] = {side, side, side};
     const dda_box box = {.high = {(int32_t)side, (int32_t)side, (int32_t)side}, .size = 1, .inverse_size = 1};
-    adf_walk w = {.depth = 0};
+    adf_walk w;
     dda_event at;
     int carried = -1;
     if (!dda_enter_box(ray, cube, &at)) return false;
@@ -125,6 +145,9 @@ static inline bool adf_walk_scene(const df_scene *scene, bool isolate, const dda
         const int32_t upward = ray->direction[a] > 0, first = upward ? 0 : (int32_t)side - 1;
         w.voxel[a] = (uint32_t)(a == at.axis ? first : dda_cell_after(&box, ray, a, upward, at));
     }
+    w.path[0] = w.depth = 0;
+    memcpy(w.cells[0], field->samples, sizeof w.cells[0]);
+    w.cells_known = 1;
     adf_descend(field, &w);
     do {
         if (adf_visit(scene, isolate, ray, &w, &carried, candidate, counters)) return true;

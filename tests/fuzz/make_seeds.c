@@ -24,27 +24,32 @@ static void put(const char *corpus, const char *name, int first, const void *dat
     if (fclose(file) != 0) exit(1);
 }
 
-/* The field with its samples as u16 or u8 of one step, for all blocks. */
+/* The field with its samples, or all but the first of an ADF's families, as u16 or u8 of one step. */
 static void quantise(df_field *field, df_sample_type type) {
     enum { EXPONENT = -3 };
     df_error err = {0};
-    uint32_t blocks = field->kind == DF_FIELD_ADF ? field->family_count : field->brick_count;
+    const bool adf = field->kind == DF_FIELD_ADF;
+    const uint64_t floats = adf ? 8 + DF_FAMILY_STORED_COUNT : 0;
+    const uint32_t blocks = adf ? field->family_count - 1 : field->brick_count;
     const float *values = field->samples;
     uint8_t *samples, *exponents;
-    if (df_alloc((void **)&samples, field->sample_count, df_sample_size(type), "samples", &err) != DF_OK) exit(1);
-    if (df_alloc((void **)&exponents, blocks, 1, "exponents", &err) != DF_OK) exit(1);
-    for (uint64_t i = 0; i < field->sample_count; i++) {
+    if (df_alloc((void **)&samples, field->sample_count, sizeof(float), "samples", &err) != DF_OK) exit(1);
+    if (df_alloc((void **)&exponents, blocks + 1, 1, "exponents", &err) != DF_OK) exit(1);
+    memcpy(samples, values, floats * sizeof(float));
+    uint8_t *quantised = samples + floats * sizeof(float);
+    for (uint64_t i = floats; i < field->sample_count; i++) {
         double q = (double)values[i] / 0.125;
         int whole = (int)(q < 0 ? q - 1 : q), limit = type == DF_SAMPLE_U16 ? 32767 : 127;
         whole = whole < -limit ? -limit : whole > limit ? limit : whole;
-        if (type == DF_SAMPLE_U16) ((uint16_t *)samples)[i] = (uint16_t)(whole + 32768);
-        else samples[i] = (uint8_t)(whole + 128);
+        if (type == DF_SAMPLE_U16) ((uint16_t *)quantised)[i - floats] = (uint16_t)(whole + 32768);
+        else quantised[i - floats] = (uint8_t)(whole + 128);
     }
     memset(exponents, EXPONENT & 0xFF, blocks);
     df_field_own(field, samples);
     df_field_own(field, exponents);
     field->samples = samples;
     field->sample_type = type;
+    if (adf) field->exact_count = 1;
     if (field->kind == DF_FIELD_DENSE) field->step_exponent = EXPONENT;
     else field->brick_exponents = (const int8_t *)exponents;
 }

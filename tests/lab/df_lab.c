@@ -73,7 +73,7 @@ static uint64_t model_bytes(const df_field *field) {
         uint64_t cells = (uint64_t)field->cell_count[0] * field->cell_count[1] * field->cell_count[2];
         bytes += 4 * cells + field->brick_count * (uint64_t)(4 + 8 + 8 * df_brick_mask_words(field->brick_size));
     }
-    if (field->kind == DF_FIELD_ADF) bytes += field->family_count * sizeof(df_family);
+    if (field->kind == DF_FIELD_ADF) bytes = df_adf_sample_bytes(field) + field->family_count * sizeof(df_family);
     return bytes;
 }
 

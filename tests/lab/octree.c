@@ -33,15 +33,6 @@ static void sample_family(const lab_surface *surface, const place *cell, float s
     }
 }
 
-static uint32_t leaf_state(const float samples[27], uint32_t child) {
-    int inside = 0;
-    for (uint32_t c = 0; c < 8; c++) {
-        const uint32_t x = (child & 1) + (c & 1), y = (child >> 1 & 1) + (c >> 1 & 1), z = (child >> 2) + (c >> 2);
-        inside += samples[x + 3 * (y + 3 * z)] < 0;
-    }
-    return inside == 0 ? DF_CHILD_OUTSIDE : inside == 8 ? DF_CHILD_INSIDE : DF_CHILD_SURFACE;
-}
-
 df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, double keep, uint64_t seed, df_field *field,
                           df_error *err) {
     df_family *families;
@@ -55,7 +46,8 @@ df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, doub
     df_status status = df_alloc((void **)&families, FAMILY_MAX, sizeof *families, "families", err);
     if (status != DF_OK) return status;
     df_field_own(field, families);
-    status = df_alloc_raw((void **)&samples, (uint64_t)FAMILY_MAX * 27, sizeof *samples, "samples", err);
+    status = df_alloc_raw((void **)&samples, 8 + (uint64_t)FAMILY_MAX * DF_FAMILY_STORED_COUNT, sizeof *samples,
+                          "samples", err);
     if (status != DF_OK) return status;
     df_field_own(field, samples);
     status = df_alloc_raw((void **)&places, FAMILY_MAX, sizeof *places, "places", err);
@@ -64,19 +56,18 @@ df_status lab_octree_make(const lab_surface *surface, uint32_t level_count, doub
     places[0] = (place){.side = 1u << level_count};
     for (uint32_t f = 0; f < count; f++) {
         const uint32_t half = places[f].side / 2;
-        sample_family(surface, &places[f], samples + 27 * (size_t)f);
+        float family[27];
+        sample_family(surface, &places[f], family);
+        df_family_store(family, f, samples);
         for (uint32_t c = 0; c < 8; c++) {
             const place child = {{places[f].corner[0] + half * (c & 1), places[f].corner[1] + half * (c >> 1 & 1),
                                   places[f].corner[2] + half * (c >> 2)},
                                  half};
-            uint32_t state = leaf_state(samples + 27 * (size_t)f, c);
             if (half > 1 && is_mixed(surface, &child) && (half > 8 || lab_random(&seed, 0, 1) >= keep)) {
                 if (count == FAMILY_MAX) return df_fail(err, DF_ERROR_MEMORY, "more than %d families", FAMILY_MAX);
-                if (!families[f].first_child) families[f].first_child = count;
                 places[count++] = child;
-                state = DF_CHILD_FAMILY;
+                families[f].states |= (uint32_t)DF_CHILD_FAMILY << 2 * c;
             }
-            families[f].states |= state << (2 * c);
         }
     }
     for (int a = 0; a < 3; a++) {

@@ -1,0 +1,199 @@
+#include "common/octree.h"
+#include "common/field.h"
+#include "common/memory.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { PARALLEL_FAMILIES = 4000 }; /* below that, threads cost more than they gain */
+
+/* Where the samples of a family lie, and what makes values of them. */
+typedef struct coded {
+    const float *values; /* of an exact family; otherwise NULL */
+    const uint16_t *residuals16;
+    const uint8_t *residuals8;
+    float step;
+} coded;
+
+static coded coded_of(const df_field *field, uint32_t family) {
+    const float *exact = (const float *)field->samples + 8;
+    if (family < field->exact_count) return (coded){.values = exact + (size_t)family * DF_FAMILY_STORED_COUNT};
+    const void *rest = exact + (size_t)field->exact_count * DF_FAMILY_STORED_COUNT;
+    const size_t number = family - field->exact_count, at = number * DF_FAMILY_STORED_COUNT;
+    coded c = {.step = df_power_of_two(field->brick_exponents[number])};
+    if (field->sample_type == DF_SAMPLE_U16) c.residuals16 = (const uint16_t *)rest + at;
+    else c.residuals8 = (const uint8_t *)rest + at;
+    return c;
+}
+
+static inline float decode(const coded *c, const float cell[8], uint32_t sample) {
+    const int slot = df_family_slot(sample);
+    if (slot < 0) return cell[df_family_cell_corner(sample)];
+    if (c->values) return c->values[slot];
+    const int q = c->residuals16 ? (int)c->residuals16[slot] - 32768 : (int)c->residuals8[slot] - 128;
+    return df_family_predict(cell, sample) + (float)q * c->step;
+}
+
+void df_adf_child_corners(const df_field *field, uint32_t family, uint32_t child, const float cell[8],
+                          float corners[8]) {
+    const coded c = coded_of(field, family);
+    float out[8];
+    for (uint32_t i = 0; i < 8; i++) out[i] = decode(&c, cell, df_family_corner(child, i));
+    memcpy(corners, out, sizeof out);
+}
+
+void df_adf_samples(const df_field *field, uint32_t family, const float cell[8],
+                    float samples[DF_FAMILY_SAMPLE_COUNT]) {
+    const coded c = coded_of(field, family);
+    for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) samples[s] = decode(&c, cell, s);
+}
+
+/* Corner `corner` of the divided cell of a family whose parents are exact: it is a sample of the parent's family, or
+ * again a corner of that family's cell. */
+static float exact_corner(const df_field *field, uint32_t family, uint32_t corner) {
+    const float *exact = (const float *)field->samples;
+    while (family) {
+        const uint32_t parent = field->families[family].parent, child = parent & 7;
+        family = parent >> 3;
+        if (child == corner) continue;
+        return exact[8 + (size_t)family * DF_FAMILY_STORED_COUNT +
+                     (size_t)df_family_slot(df_family_corner(child, corner))];
+    }
+    return exact[corner];
+}
+
+void df_adf_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
+    uint32_t path[DF_LEVEL_COUNT_MAX], depth = 0; /* from the family up to the first whose parents are exact */
+    path[depth++] = family;
+    while (family && (family = field->families[family].parent >> 3) >= field->exact_count) path[depth++] = family;
+    for (uint32_t c = 0; c < 8; c++) cell[c] = exact_corner(field, path[depth - 1], c);
+    while (--depth) df_adf_child_corners(field, path[depth], field->families[path[depth - 1]].parent & 7, cell, cell);
+}
+
+void df_adf_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
+    float cell[8];
+    if (family < field->exact_count)
+        cell[child] = exact_corner(field, family, child); /* the only one that is looked at */
+    else df_adf_cell_corners(field, family, cell);
+    df_adf_child_corners(field, family, child, cell, corners);
+}
+
+void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell) {
+    assert(field->kind == DF_FIELD_ADF && level_limit >= 1);
+    *cell = (df_adf_cell){.side = 1u << field->level_count};
+    for (uint32_t level = 1;; level++) {
+        cell->side /= 2;
+        cell->child = 0;
+        for (int a = 0; a < 3; a++) {
+            bool upper = grid[a] >= cell->corner[a] + cell->side;
+            cell->child |= (uint32_t)upper << a;
+            cell->corner[a] += upper ? cell->side : 0;
+        }
+        cell->state = df_family_state(&field->families[cell->family], cell->child);
+        if (cell->state != DF_CHILD_FAMILY || level == level_limit) return;
+        cell->family = df_family_child(&field->families[cell->family], cell->child);
+    }
+}
+
+df_child_state df_leaf_state(const float corners[8]) {
+    if (df_corners_straddle(corners, 0)) return DF_CHILD_SURFACE;
+    return corners[0] < 0 ? DF_CHILD_INSIDE : DF_CHILD_OUTSIDE;
+}
+
+static df_status check_dimensions(const df_field *field, const char *name, df_error *err) {
+    uint32_t longest = field->voxel_count[0];
+    for (int a = 1; a < 3; a++) longest = field->voxel_count[a] > longest ? field->voxel_count[a] : longest;
+    if (field->level_count < 1 || field->level_count > DF_LEVEL_COUNT_MAX || longest > 1u << field->level_count) {
+        return df_fail(err, DF_ERROR_FORMAT, "%s: an octree of %" PRIu32 " levels for %" PRIu32 " voxels", name,
+                       field->level_count, longest);
+    }
+    if (field->family_count < 1 || field->family_count > DF_FAMILY_COUNT_MAX ||
+        field->exact_count > field->family_count) {
+        return df_fail(err, DF_ERROR_FORMAT, "%s: an octree of %" PRIu32 " families, %" PRIu32 " of them exact", name,
+                       field->family_count, field->exact_count);
+    }
+    return DF_OK;
+}
+
+/* Links the families by which children are divided, and finds where the levels begin: starts[0] = 0, ... */
+static df_status link_families(const df_field *field, df_family *families, uint32_t starts[DF_LEVEL_COUNT_MAX + 1],
+                               const char *name, df_error *err) {
+    uint64_t next = 1; /* the number of the next child family */
+    uint32_t level = 0, level_end = 1;
+    for (uint32_t f = 0; f < field->family_count && next <= field->family_count; f++) {
+        if (f == level_end) {
+            starts[++level] = f;
+            level_end = (uint32_t)next;
+        }
+        uint32_t divided = df_family_divided_count(&families[f]);
+        families[f].first_child = divided ? (uint32_t)next : 0;
+        if (families[f].states >> 16 || (divided && level + 1 >= field->level_count)) {
+            return df_fail(err, DF_ERROR_FORMAT,
+                           "%s: octree family %" PRIu32 " is divided below the last of %" PRIu32 " levels", name, f,
+                           field->level_count);
+        }
+        for (uint32_t c = 0; c < 8 && next < field->family_count; c++) {
+            if (df_family_state(&families[f], c) == DF_CHILD_FAMILY) families[next++].parent = 8 * f + c, divided--;
+        }
+        next += divided;          /* those that there are not */
+        if (f + 1 == next) break; /* the rest hangs on nothing */
+    }
+    for (level++; level <= DF_LEVEL_COUNT_MAX; level++) starts[level] = field->family_count;
+    if (next == field->family_count) return DF_OK;
+    return df_fail(err, DF_ERROR_FORMAT, "%s: the octree names %" PRIu64 " of %" PRIu32 " families", name, next,
+                   field->family_count);
+}
+
+/* Sets the states of a family's leaves, hands their corners to the families below, and widens `range`. Returns false
+ * where a sample is not finite. */
+static bool finish_family(const df_field *field, df_family *families, uint32_t f, float (*cells)[8], float range[2]) {
+    float samples[DF_FAMILY_SAMPLE_COUNT];
+    bool finite = true;
+    df_adf_samples(field, f, cells[f], samples);
+    for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) {
+        range[0] = fminf(range[0], samples[s]);
+        range[1] = fmaxf(range[1], samples[s]);
+        finite = finite && isfinite(samples[s]);
+    }
+    for (uint32_t c = 0; c < 8; c++) {
+        float corners[8];
+        for (uint32_t i = 0; i < 8; i++) corners[i] = samples[df_family_corner(c, i)];
+        if (df_family_state(&families[f], c) == DF_CHILD_FAMILY) {
+            memcpy(cells[df_family_child(&families[f], c)], corners, sizeof corners);
+        } else {
+            families[f].states = (families[f].states & ~(3u << 2 * c)) | (uint32_t)df_leaf_state(corners) << 2 * c;
+        }
+    }
+    return finite;
+}
+
+df_status df_octree_finish(df_field *field, const char *name, df_error *err) {
+    uint32_t starts[DF_LEVEL_COUNT_MAX + 1] = {0};
+    df_family *families = (df_family *)(uintptr_t)field->families; /* the field's own */
+    float(*cells)[8], low = INFINITY, high = -INFINITY;
+    uint64_t bad = 0;
+    if (field->sample_type == DF_SAMPLE_F32) field->exact_count = field->family_count;
+    df_status status = check_dimensions(field, name, err);
+    if (status == DF_OK) status = link_families(field, families, starts, name, err);
+    if (status == DF_OK) status = df_alloc_raw((void **)&cells, field->family_count, sizeof *cells, "octree", err);
+    if (status != DF_OK) return status;
+    field->sample_count = 8 + (uint64_t)field->family_count * DF_FAMILY_STORED_COUNT;
+    memcpy(cells[0], field->samples, sizeof cells[0]);
+    for (uint32_t level = 0; level < field->level_count; level++) {
+#pragma omp parallel for reduction(min : low) reduction(max : high) reduction(+ : bad) if (starts[level + 1] - starts[level] > PARALLEL_FAMILIES)
+        for (uint32_t f = starts[level]; f < starts[level + 1]; f++) {
+            float range[2] = {low, high};
+            bad += !finish_family(field, families, f, cells, range);
+            low = range[0];
+            high = range[1];
+        }
+    }
+    free(cells);
+    if (bad) return df_fail(err, DF_ERROR_FORMAT, "%s: samples that are not finite in %" PRIu64 " families", name, bad);
+    field->value_min = low;
+    field->value_max = high;
+    return DF_OK;
+}

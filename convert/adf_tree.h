@@ -1,0 +1,72 @@
+/*
+ * The octree while it grows: nodes, which are divided cells, and what adf.c, adf_divide.c and adf_fit.c do with them.
+ */
+#ifndef DF_ADF_TREE_H
+#define DF_ADF_TREE_H
+
+#include "convert/adf.h"
+#include "convert/neighbours.h"
+
+#define ADF_NONE UINT32_MAX
+
+/* A divided cell. Bytes rather than bits by child, as its children may be worked at by several threads. */
+typedef struct adf_node {
+    uint32_t corner[3];
+    uint32_t level;       /* of its children: 1 for those of the root */
+    uint32_t family;      /* its number breadth first */
+    uint32_t children[8]; /* nodes, or ADF_NONE */
+    uint8_t crossed[8];   /* the surface may cross the child */
+    uint8_t fitted[8];    /* fit and misfit are known: of undivided crossed children larger than a voxel */
+    float fit[8][8];      /* by child: its corners where they fit its samples best, less the exact ones */
+    float misfit[8];      /* the largest error with those */
+    float exact[27];      /* signed distances */
+    float final[27];      /* what is stored; see adf_fit.c */
+} adf_node;
+
+/* Nodes live in chunks, which threads fill on their own. */
+#define ADF_CHUNK 1024u
+#define ADF_CHUNK_COUNT (DF_FAMILY_COUNT_MAX / ADF_CHUNK)
+
+typedef struct adf_tree {
+    const df_adf_input *input;
+    uint32_t level_count;
+    df_winding_slab *slabs; /* winding numbers of all samples, ADF_SLAB layers each; NULL for signed sources */
+    uint32_t slab_count;
+    adf_node **chunks;
+    uint32_t chunk_count;
+    uint64_t samples_computed;
+
+    /* Breadth first, once adf_number has run: */
+    uint32_t family_count;
+    uint32_t *order; /* by family: its node */
+    df_family *families;
+    df_neighbours neighbours;
+} adf_tree;
+
+#define ADF_SLAB 16u
+
+static inline adf_node *adf_node_at(const adf_tree *t, uint32_t number) {
+    return &t->chunks[number / ADF_CHUNK][number % ADF_CHUNK];
+}
+
+/* The side of cells on a level, in voxels. */
+static inline uint32_t adf_side(const adf_tree *t, uint32_t level) { return 1u << (t->level_count - level); }
+
+/* A cell to be looked at, and divided where that is needed. */
+typedef struct adf_task {
+    uint32_t parent, child; /* whose child it is; parent ADF_NONE for the root */
+    bool forced;            /* divided at any rate, not for its error; its crossed children by their error */
+} adf_task;
+
+/* Works at cells and all below. */
+df_status adf_divide(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *err);
+
+/* Numbers the families, of which there are family_count, breadth first and finds which lie side by side. */
+df_status adf_number(adf_tree *t, df_error *err);
+
+/* Sets the final values of all nodes, and lists the leaves that must be divided, without repetition: *tasks is owned by
+ * the caller. */
+df_status adf_fit(adf_tree *t, df_error *err);
+df_status adf_find_spoiled(const adf_tree *t, adf_task **tasks, uint32_t *count, df_error *err);
+
+#endif
