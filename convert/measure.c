@@ -126,6 +126,7 @@ static bool is_wall(const probe *p) {
 static df_status compare(const df_truth *truth, const df_face_tree *tree, probe *probes, uint64_t count,
                          df_field *field, df_error *err) {
     double largest = 0, sum = 0, area = 0;
+    const bool has_holes = truth->sign && truth->sign->made.cap_count > 0;
     bool short_of_memory = false;
 #pragma omp parallel reduction(|| : short_of_memory)
     {
@@ -136,7 +137,7 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, probe 
             if (!active) continue;
             probe *p = &probes[i];
             p->error = 0;
-            if (is_wall(p)) {
+            if (has_holes && is_wall(p)) {
                 p->edge = 0;
                 continue;
             }
