@@ -7,8 +7,9 @@
  *   box          x=2, y=2, z=2: its sides
  *   rotated-box  the same, turned by angle=30 (degrees) about the axis (1,2,3)
  *   gyroid       period=1, thickness=0.1, size=2: the points nearer than half the thickness to
- *                sin u cos v + sin v cos w + sin w cos u = 0 with (u,v,w) = 2 pi (x,y,z) / period, seen in a cube of
- * that size shell        radius=1, thickness=0.1: a hollow sphere, the radius at the middle of its wall
+ *                sin u cos v + sin v cos w + sin w cos u = 0 with (u,v,w) = 2 pi (x,y,z) / period,
+ *                seen in a cube of that size
+ *   shell        radius=1, thickness=0.1: a hollow sphere, the radius at the middle of its wall
  */
 #ifndef DF_SHAPE_H
 #define DF_SHAPE_H

@@ -5,7 +5,7 @@ import math
 import os
 import subprocess
 
-NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "scalar octree walk", "mc-raster": "mesh, rasterised", "mc-embree": "mesh, Embree"}
+NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "octree (ADF)", "mc-raster": "mesh, rasterised", "mc-embree": "mesh, Embree"}
 COLOURS = {"auto": "#0072b2", "dda": "#999999", "adf": "#cc79a7", "mc-raster": "#d55e00", "mc-embree": "#009e73"}
 
 
@@ -75,7 +75,7 @@ def figure(value, digits=3):
 
 def table(rows):
     columns = [("tracer", "what"), ("before_ms", "before, ms"), ("frame_ms", "picture, ms"), ("edit_ms", "after an edit, ms"), ("bytes", "bytes"),
-               ("triangles", "triangles"), ("depth_median", "depth off, median voxel"), ("depth_p99", "99 % voxel"), ("normal_mean_deg", "normal off, °"),
+               ("triangles", "triangles"), ("depth_median", "depth off, median voxel"), ("depth_p99", "99 % voxel"), ("mesh_median", "off the mesh, median voxel"), ("mesh_p99", "99 % voxel"), ("normal_mean_deg", "normal off, °"),
                ("pixels_off", "pixels off")]
     head = "".join(f"<th>{title}</th>" for _, title in columns)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(NAMES.get(str(r[c]), str(r[c]))) if c == 'tracer' else figure(r.get(c))}</td>" for c, _ in columns) + "</tr>"
@@ -99,7 +99,7 @@ def section(show, rows):
         f"<option value='{t}'{' selected' if t == value else ''}>{html.escape(NAMES.get(t, t))}</option>" for t in titles) + "</select>"
     store = "".join(f"<img hidden data-of='{t}' alt='' src='{data_uri('image/png', png)}'>" for t, png in show["images"].items())
     differences = "".join(f"<figure><img alt='difference of {html.escape(NAMES.get(t, t))}' src='{data_uri('image/png', png)}'><figcaption>{html.escape(NAMES.get(t, t))}"
-                          "</figcaption></figure>" for t, png in show["differences"].items() if t not in ("dda", "adf"))
+                          "</figcaption></figure>" for t, png in show["differences"].items() if t != "dda")
     return (f"<section class=field><h2>{name}, {show['voxels']} voxels</h2><p class=picks>{pick('left', titles[0])} {pick('right', right)}</p>"
             f"<div class=wipe><img class=under alt='left picture'><img class=over alt='right picture'><input type=range min=0 max=100 value=50 "
             f"aria-label='wipe between the two pictures'></div>{store}"

@@ -43,6 +43,8 @@ df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *
         return df_fail(err, DF_ERROR_USAGE, "--bench turns the camera itself: only --orbit goes with it");
     }
     df_status status = df_alloc((void **)&bench->repeat_ms, bench->repeats, sizeof *bench->repeat_ms, "bench", err);
+    if (status == DF_OK)
+        status = df_alloc((void **)&bench->edit_ms, bench->repeats, sizeof *bench->edit_ms, "bench", err);
     if (status == DF_OK) status = frame_view(settings, field, 0, &view, err);
     if (status == DF_OK) status = df_devices_frame(devices, &view, picture, NULL, err); /* warms up */
     for (uint32_t repeat = 0; repeat < bench->repeats && status == DF_OK; repeat++) {
@@ -61,14 +63,13 @@ df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *
         }
         bench->repeat_ms[repeat] = total / bench->frames;
     }
-    if (status != DF_OK) return status;
-    qsort(bench->repeat_ms, bench->repeats, sizeof *bench->repeat_ms, by_value);
-    return DF_OK;
+    return status;
 }
 
 void df_bench_free(df_bench *bench) {
     free(bench->repeat_ms);
-    bench->repeat_ms = NULL;
+    free(bench->edit_ms);
+    bench->repeat_ms = bench->edit_ms = NULL;
 }
 
 /* The processor's name from /proc/cpuinfo, without commas. */
@@ -85,6 +86,12 @@ static void machine_name(char *name, size_t size) {
         break;
     }
     fclose(file);
+}
+
+/* Sorts `count` times and returns the middle one. */
+static double median_of(double *times, uint32_t count) {
+    qsort(times, count, sizeof *times, by_value);
+    return 0.5 * (times[(count - 1) / 2] + times[count / 2]);
 }
 
 /* A CSV field in quotes. */
@@ -132,7 +139,7 @@ void df_bench_print_header(FILE *out) {
     for (int i = 0; i < COLUMN_COUNT; i++) fprintf(out, "%s,", columns[i]);
     fprintf(out,
             "frames,repeats,frame_ms_min,frame_ms_median,frame_ms_max,ns_per_ray_min,ns_per_ray_median,mrays_per_s,"
-            "ns_per_hitting_ray,model_bytes,machine,compiler,flags,commit,command\n");
+            "ns_per_hitting_ray,model_bytes,edit_ms,machine,compiler,flags,commit,command\n");
 }
 
 df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *report, df_error *err) {
@@ -156,13 +163,13 @@ df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *repo
     const df_field *field = report->scene->field;
     const double rays = (double)bench->stats.rays_cast / bench->frames,
                  hits = (double)bench->stats.rays_hitting / bench->frames;
+    const double median = median_of(bench->repeat_ms, bench->repeats);
     const double least = bench->repeat_ms[0], most = bench->repeat_ms[bench->repeats - 1];
-    const double median = 0.5 * (bench->repeat_ms[(bench->repeats - 1) / 2] + bench->repeat_ms[bench->repeats / 2]);
     const uint64_t model = field->sample_count * df_sample_size(field->sample_type) + report->precompute_bytes;
     machine_name(machine, sizeof machine);
-    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",", bench->frames, bench->repeats, least, median,
-            most, least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3, hits > 0 ? median * 1e6 / hits : 0.0,
-            model);
+    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",%.4f,", bench->frames, bench->repeats, least,
+            median, most, least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3,
+            hits > 0 ? median * 1e6 / hits : 0.0, model, median_of(bench->edit_ms, bench->repeats));
     put_text(out, machine);
     fputc(',', out);
     put_text(out, "gcc " __VERSION__);

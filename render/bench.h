@@ -9,7 +9,8 @@
 typedef struct df_bench {
     uint32_t frames, repeats;
     const char *command;
-    double *repeat_ms;    /* by repeat: the mean time of its frames; sorted when done */
+    double *repeat_ms;    /* by repeat: the mean time of its frames; sorted by df_bench_print */
+    double *edit_ms;      /* by repeat, for the caller to fill: from an edited field to its picture */
     df_frame_stats stats; /* summed over the frames of the last repeat */
 } df_bench;
 

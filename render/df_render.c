@@ -429,19 +429,14 @@ static df_status draw_heat(const options *opts, session *s, df_error *err) {
     return status;
 }
 
-static df_status render(options *opts, session *s, df_error *err) {
+/* What must happen to the field in memory before the first picture, and after every edit of it. */
+static df_status open_devices(const options *opts, session *s, df_error *err) {
     const df_settings *settings = &opts->settings;
-    df_status status = df_settings_camera(settings, &s->field, &s->camera, err);
-    if (status == DF_OK && settings->quality_auto) choose_quality(opts, s);
-    if (status == DF_OK) status = df_view_make(&s->camera, &s->field, settings->width, settings->height, &s->view, err);
-    if (status == DF_OK) status = df_scene_prepare(&s->field, (float)settings->iso, &settings->scene, &s->scene, err);
+    df_status status = df_scene_prepare(&s->field, (float)settings->iso, &settings->scene, &s->scene, err);
     if (status != DF_OK) return status;
-    s->settings_text = df_settings_text(settings, &s->camera);
-    if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     const df_tracer *tracer = settings->filter   ? &df_tracer_tricubic
                               : settings->tracer ? settings->tracer
                                                  : df_tracer_choose(&s->scene, &s->view, &settings->walk);
-    opts->devices.tracer_given = settings->tracer != NULL;
     const uint32_t tile = opts->tile ? opts->tile : opts->heat ? df_heat_square(tracer) : 64;
     if (opts->heat &&
         (tracer->whole_frame || (opts->heat == DF_HEAT_STEPS && tracer->own_methods && !settings->filter)))
@@ -456,19 +451,29 @@ static df_status render(options *opts, session *s, df_error *err) {
                                     .threads = opts->threads,
                                     .kernels = opts->kernels,
                                     .walk = settings->walk};
-    status = alloc_picture(opts, &s->picture, err);
-    if (status == DF_OK)
-        status =
-            df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
-    if (status != DF_OK) return status;
     s->report.tracer = tracer;
+    s->report.tile = tile;
+    return df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
+}
+
+static df_status render(options *opts, session *s, df_error *err) {
+    const df_settings *settings = &opts->settings;
+    df_status status = df_settings_camera(settings, &s->field, &s->camera, err);
+    if (status == DF_OK && settings->quality_auto) choose_quality(opts, s);
+    if (status == DF_OK) status = df_view_make(&s->camera, &s->field, settings->width, settings->height, &s->view, err);
+    if (status != DF_OK) return status;
+    s->settings_text = df_settings_text(settings, &s->camera);
+    if (!s->settings_text) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
+    opts->devices.tracer_given = settings->tracer != NULL;
+    status = alloc_picture(opts, &s->picture, err);
+    if (status == DF_OK) status = open_devices(opts, s, err);
+    if (status != DF_OK) return status;
     s->report.devices = s->devices;
     s->report.field_path = opts->field_path;
     s->report.scene = &s->scene;
     s->report.settings = settings;
     s->report.kernels = opts->kernels;
     s->report.threads = opts->threads;
-    s->report.tile = tile;
     df_devices_precomputation(s->devices, &s->report.precompute_ms, &s->report.precompute_bytes);
     if (opts->bench_frames) return DF_OK;
     if (opts->heat) return draw_heat(opts, s, err);
@@ -492,9 +497,26 @@ static df_status list_devices(df_error *err) {
     return status;
 }
 
+/* The time from an edited field to its picture: all is made again. */
+static df_status time_edits(const options *opts, session *s, df_bench *bench, df_error *err) {
+    df_status status = DF_OK;
+    for (uint32_t i = 0; i < bench->repeats && status == DF_OK; i++) {
+        df_devices_close(s->devices);
+        df_scene_free(&s->scene);
+        s->devices = NULL;
+        const double start = df_now_ms();
+        status = open_devices(opts, s, err);
+        if (status == DF_OK) status = df_devices_frame(s->devices, &s->view, &s->picture, NULL, err);
+        bench->edit_ms[i] = df_now_ms() - start;
+    }
+    return status;
+}
+
 static df_status run_bench(const options *opts, session *s, df_error *err) {
     df_bench bench = {.frames = opts->bench_frames, .repeats = opts->bench_repeats, .command = opts->command};
     df_status status = df_bench_run(&bench, s->devices, &opts->settings, &s->field, &s->picture, err);
+    if (status == DF_OK) status = time_edits(opts, s, &bench, err);
+    s->report.devices = s->devices;
     if (status == DF_OK) {
         df_bench_print_header(stdout);
         status = df_bench_print(stdout, &bench, &s->report, err);

@@ -3,11 +3,12 @@
  *
  * Two floors hide what a method does: the error of the field itself, as the file states it, and half the footprint of a
  * pixel where the field's box is nearest to the eye. The choice is the cheapest whose error lies under a tenth of the
- * higher of them: solve     always one that isolates (robust), so that no crossing is missed at any distance; as few
- * Illinois steps as the bound allows, by the errors that the accuracy laboratory measured on its worst field
- * (pipelines/ACCURACY.md); gradient  of the trilinear field (analytic) where a voxel is smaller than half a pixel, so
- * that the jumps of the normal between voxels cannot be seen; otherwise corner-central. All solves are in double: a
- * float solve saves nothing, as it is done once a ray.
+ * higher of them:
+ *   solve     always one that isolates (robust), so that no crossing is missed at any distance; as few Illinois steps
+ * as the bound allows, by the errors that the accuracy laboratory measured on its worst field (pipelines/ACCURACY.md);
+ *   gradient  of the trilinear field (analytic) where a voxel is smaller than half a pixel, so that the jumps of the
+ *             normal between voxels cannot be seen; otherwise corner-central.
+ * All solves are in double: a float solve saves nothing, as it is done once a ray.
  */
 #ifndef DF_QUALITY_H
 #define DF_QUALITY_H

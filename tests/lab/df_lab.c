@@ -1,23 +1,35 @@
 /*
  * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
  *
- *   df-lab measure FILE.csv [--quick] [FIELD...]   measures what is not yet in FILE.csv; FIELD: a shape's name, a
- * .dfield file, or FIELD.dfield:MESH.obj with the mesh that it was made from df-lab escape [RAYS] rays from inside
- * closed fields, with every tracer: none may escape df-lab filters [FIELD.dfield:MESH.obj...] depth and normal errors
- * by reconstruction filter df-lab field SHAPE SIZE FILE.dfield [PARAMETER] writes a field of the laboratory df-lab map
- * SHAPE SIZE SOLVE FILE.png [PARAMETER] a picture of a solve's depth error
+ *   df-lab measure FILE.csv [--quick] [FIELD...]
+ *       measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or FIELD.dfield:MESH.obj with the
+ *       mesh that it was made from
+ *   df-lab escape [RAYS]
+ *       rays from inside closed fields, with every tracer: none may escape
+ *   df-lab filters [FIELD.dfield:MESH.obj...]
+ *       depth and normal errors by reconstruction filter
+ *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER]
+ *       writes a field of the laboratory
+ *   df-lab map SHAPE SIZE SOLVE FILE.png [PARAMETER]
+ *       a picture of a solve's depth error
+ *   df-lab depth FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm
+ *       the depths of the mesh itself, as df-render --depth has them of its field, seen by its default camera
  */
 #include "common/field_file.h"
 #include "common/image.h"
+#include "common/memory.h"
+#include "common/options.h"
 #include "common/version.h"
 #include "fields.h"
 #include "filters.h"
 #include "measure.h"
+#include "mesh_truth.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
 #include "render/methods/shade.h"
 #include "render/methods/solve_methods.h"
 #include "render/quality.h"
+#include "render/settings.h"
 #include "table.h"
 
 #include <inttypes.h>
@@ -697,6 +709,57 @@ static df_status command_map(int argc, char **argv, df_error *err) {
     return status;
 }
 
+/* The depth image of a mesh, in double, one ray after the other. */
+static df_status trace_mesh(const lab_mesh *mesh, const df_field *field, const df_camera *camera, const df_view *view,
+                            float *depth, df_error *err) {
+    df_rays rays;
+    df_status status = df_rays_alloc(view->width, true, &rays, err);
+    for (uint32_t y = 0; y < view->height && status == DF_OK; y++) {
+        df_view_rays(view, &df_kernels_scalar, 0, y, view->width, 1, &rays);
+#pragma omp parallel for schedule(dynamic, 64)
+        for (uint32_t x = 0; x < view->width; x++) {
+            double o[3], d[3], at[3], world[3], square = 0;
+            df_truth truth;
+            for (int a = 0; a < 3; a++) {
+                o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : x];
+                d[a] = (double)rays.direction[a][x];
+            }
+            lab_mesh_trace(mesh, o, d, &truth);
+            for (int a = 0; a < 3; a++) at[a] = o[a] + (double)truth.t * d[a];
+            df_field_grid_to_world(field, at, world);
+            for (int a = 0; a < 3; a++) square += (world[a] - camera->eye[a]) * (world[a] - camera->eye[a]);
+            depth[(size_t)y * view->width + x] = truth.hit ? (float)sqrt(square) : INFINITY;
+        }
+    }
+    if (status == DF_OK) df_rays_free(&rays);
+    return status;
+}
+
+static df_status command_depth(int argc, char **argv, df_error *err) {
+    (void)argc;
+    df_settings settings;
+    df_field field = {0};
+    df_camera camera;
+    df_view view;
+    lab_mesh *mesh = NULL;
+    float *depth = NULL;
+    df_settings_defaults(&settings);
+    df_status status = df_parse_u32("WIDTH", argv[2], 1, 16384, &settings.width, err);
+    if (status == DF_OK) status = df_parse_u32("HEIGHT", argv[3], 1, 16384, &settings.height, err);
+    if (status == DF_OK) status = df_field_read(argv[0], DF_READ_COPY, &field, err);
+    if (status == DF_OK) status = df_settings_camera(&settings, &field, &camera, err);
+    if (status == DF_OK) status = df_view_make(&camera, &field, settings.width, settings.height, &view, err);
+    if (status == DF_OK) status = lab_mesh_read(argv[1], &field, &mesh, err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&depth, (uint64_t)view.width * view.height, sizeof *depth, "picture", err);
+    if (status == DF_OK) status = trace_mesh(mesh, &field, &camera, &view, depth, err);
+    if (status == DF_OK) status = df_image_write_float(argv[4], depth, view.width, view.height, 1, err);
+    lab_mesh_free(mesh);
+    df_field_free(&field);
+    free(depth);
+    return status;
+}
+
 int main(int argc, char **argv) {
     static const struct {
         const char *name, *usage;
@@ -706,10 +769,11 @@ int main(int argc, char **argv) {
                     {"escape", "[RAYS]", 0, command_escape},
                     {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
                     {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, command_field},
-                    {"map", "SHAPE SIZE SOLVE FILE.png [PARAMETER]", 4, command_map}};
-    enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
+                    {"map", "SHAPE SIZE SOLVE FILE.png [PARAMETER]", 4, command_map},
+                    {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, command_depth}};
+    const int command_count = sizeof commands / sizeof commands[0];
     df_error err = {0};
-    for (int i = 0; i < COMMAND_COUNT; i++) {
+    for (int i = 0; i < command_count; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
         if (argc - 2 < commands[i].least) break;
         df_status status = commands[i].run(argc - 2, argv + 2, &err);
@@ -717,6 +781,6 @@ int main(int argc, char **argv) {
         return df_exit_code(status);
     }
     fprintf(stderr, "usage:\n");
-    for (int i = 0; i < COMMAND_COUNT; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
+    for (int i = 0; i < command_count; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
     return 2;
 }
