@@ -127,6 +127,8 @@ static const struct argp_option option_table[] = {
     {"packet", KEY_SETTING + 14, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
     {"clip", KEY_SETTING + 15, "on|off", 0,
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
+    {"split", KEY_SETTING + 18, "N", 0,
+     "Rays of a packet of dda-packet walk on alone once at most N are left (default 0: never)", 0},
     {"filter", KEY_SETTING + 17, "NAME", 0,
      "How the field is reconstructed between samples: trilinear (default), catmull-rom or b-spline (cubic, for dense "
      "fields, slow: references of quality)",

@@ -57,6 +57,7 @@ typedef struct df_walk_options {
     uint32_t packet; /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
     bool no_clip;    /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
     int bounds;      /* DF_BOUNDS_...: for tracers that have takes_bounds */
+    uint32_t split;  /* dda-packet: once so few rays of a packet are left, each walks on alone; 0: never */
 } df_walk_options;
 
 typedef struct df_trace_options {

@@ -96,6 +96,7 @@ static uint32_t compare_all(const df_scene *scene, const df_camera *camera, uint
             draw(scene, &view, &options, &other);
             compare(&reference, &other, &options, name);
             if (!(*tracer)->takes_bounds) continue;
+            options.walk.split = *tracer == &df_tracer_packet ? (uint32_t)isa + 1 : 0;
             options.walk.bounds = isa % 2 ? DF_BOUNDS_VOXELS : DF_BOUNDS_BRICKS;
             draw(scene, &view, &options, &other);
             compare(&reference, &other, &options, name);

@@ -136,6 +136,22 @@ static lm enter(const packet *p, const uint32_t box[3], events *at) {
     return lf_le(at->t, lf_min(t_out, p->last));
 }
 
+/* Lanes that walk on alone, and from which t: before every event that they have not passed. */
+typedef struct left_over {
+    uint32_t lanes;
+    float first[DF_LANES];
+} left_over;
+
+/* Hands the lanes over where so few are left; returns whether it did. */
+static bool split(const df_packet_job *job, lm active, events at, left_over *alone) {
+    const uint32_t bits = lm_bits(active);
+    if (!job->split || (uint32_t)__builtin_popcount(bits) > job->split) return false;
+    alone->lanes = bits;
+    lf_store(alone->first, at.t);
+    for (int i = 0; i < DF_LANES; i++) alone->first[i] = nextafterf(alone->first[i], -INFINITY);
+    return true;
+}
+
 typedef struct found {
     float lower[3][DF_LANES];
     int32_t block[DF_LANES];
@@ -210,7 +226,7 @@ static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *co
 }
 
 static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits,
-                          df_counters *counters) {
+                          left_over *alone, df_counters *counters) {
     const df_scene *scene = job->scene;
     const uint32_t *coarse_count = scene->coarse_count;
     const lf size = lf_set((float)scene->k);
@@ -234,6 +250,7 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
         int32_t block[DF_LANES];
         li blocks = li_set(0);
         while (lm_any(searching)) {
+            if (split(job, lm_or(searching, holding), at, alone)) return hits;
             count(counters, &counters->coarse_steps, searching);
             const li token = li_gather((const int32_t *)(const void *)scene->coarse, w.index);
             /* blocks are below 2^31 here, so the two marks of empty cells are negative */
@@ -259,7 +276,7 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
 }
 
 static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, found *out, uint32_t *inside_bits,
-                        df_counters *counters) {
+                        left_over *alone, df_counters *counters) {
     const df_scene *scene = job->scene;
     const uint32_t *voxels = scene->voxel_count;
     const int32_t row = 64 * (int32_t)scene->row_words; /* bits */
@@ -277,6 +294,7 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
     active = lm_and(active, enter(p, voxels, &at));
     begin(&w, &box, p, at, active);
     while (lm_any(active)) {
+        if (split(job, active, at, alone)) break;
         count(counters, &counters->fine_steps, active);
         const li word = li_gather((const int32_t *)(const void *)scene->rows, li_shift_right(w.index, 5));
         const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
@@ -287,8 +305,8 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
             hits = lm_or(hits, hit);
             active = lm_and(active, lm_not(hit));
         }
-        const events out_at = leave(&w);
-        active = step(&w, p, out_at, lm_and(active, lf_le(out_at.t, p->last)));
+        at = leave(&w);
+        active = step(&w, p, at, lm_and(active, lf_le(at.t, p->last)));
     }
     return hits;
 }
@@ -348,8 +366,15 @@ uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *can
             if (!load_bounds(job, ray, &p)) continue;
             load(&tile->rays, ray, &p);
             const lm all = lm_first(DF_LANES);
-            const lm hit = job->scene->levels == 1 ? trace_uniform(job, &p, all, &out, &inside_bits, counters)
-                                                   : trace_two_level(job, &p, all, &out, &inside_bits, counters);
+            left_over alone = {0};
+            const lm hit = job->scene->levels == 1
+                               ? trace_uniform(job, &p, all, &out, &inside_bits, &alone, counters)
+                               : trace_two_level(job, &p, all, &out, &inside_bits, &alone, counters);
+            for (uint32_t bits = alone.lanes & valid; bits; bits &= bits - 1) {
+                const int i = __builtin_ctz(bits);
+                candidates[hits].ray = (uint32_t)ray[i];
+                hits += job->alone(job, (uint32_t)ray[i], alone.first[i], &candidates[hits], counters);
+            }
             for (uint32_t bits = lm_bits(hit) & valid; bits; bits &= bits - 1) {
                 const int i = __builtin_ctz(bits);
                 candidates[hits++] = (df_candidate){

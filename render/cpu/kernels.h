@@ -71,7 +71,11 @@ typedef struct df_packet_job {
     const df_bounds *bounds; /* of the tile's rays; NULL: none */
     int isolate;             /* DF_SOLVE_ISOLATES */
     uint32_t packet; /* cgt: edge of the square of rays that go together, a power of two up to DF_CGT_PACKET_MAX */
-    bool clip;       /* cgt: look only at voxels that the packet's bounds meet */
+    uint32_t split;  /* packet: as in df_walk_options */
+    /* packet: walks a ray of the tile alone, from `first` on; true for a hit */
+    bool (*alone)(const struct df_packet_job *job, uint32_t ray, float first, df_candidate *candidate,
+                  df_counters *counters);
+    bool clip; /* cgt: look only at voxels that the packet's bounds meet */
 } df_packet_job;
 
 struct df_kernels {

@@ -17,17 +17,9 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
     const bool isolate = DF_SOLVE_ISOLATES(walk->options.solve);
     uint32_t count = 0;
     for (uint32_t i = 0; i < rays->count; i++) {
-        dda_ray ray = {.first = 0, .last = INFINITY};
-        for (int a = 0; a < 3; a++) {
-            ray.origin[a] = rays->origin[a][rays->shared_origin ? 0 : i];
-            ray.direction[a] = rays->direction[a][i];
-            ray.inverse[a] = rays->inverse[a][i];
-        }
-        if (bounds) {
-            df_bounds_ray(bounds, tile->x + i % tile->width, tile->y + i / tile->width,
-                          rays->t_base ? rays->t_base[i] : 0, &ray.first, &ray.last);
-            if (!(ray.first <= ray.last)) continue;
-        }
+        dda_ray ray;
+        df_walk_ray(bounds, tile, i, &ray);
+        if (!(ray.first <= ray.last)) continue;
         candidates[count].ray = i;
         count += scene->levels ? dda_walk_scene(scene, isolate, &ray, &candidates[count], counters)
                                : adf_walk_scene(scene, isolate, &ray, &candidates[count], counters);

@@ -1,5 +1,6 @@
 /* The 3DDDA in SIMD packets and the coherent grid traversal: kernel_packet.c and kernel_cgt.c over tiles. */
 #include "render/cpu/walk.h"
+#include "render/methods/dda.h"
 #include "render/methods/solve_methods.h"
 
 /* The gathers of packets take signed 32-bit indices. */
@@ -26,6 +27,15 @@ static df_status packet_prepare(const df_scene *scene, const df_trace_options *o
     return df_walk_prepare(scene, options, out, err);
 }
 
+/* What is left of a packet: dda.c's walk from there on. */
+static bool walk_alone(const df_packet_job *job, uint32_t ray, float first, df_candidate *candidate,
+                       df_counters *counters) {
+    dda_ray alone;
+    df_walk_ray(job->bounds, job->tile, ray, &alone);
+    if (first > alone.first) alone.first = first;
+    return dda_walk_scene(job->scene, job->isolate, &alone, candidate, counters);
+}
+
 static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
                               df_error *err) {
     (void)err;
@@ -33,7 +43,9 @@ static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile
     const df_packet_job job = {.scene = walk->scene,
                                .tile = tile,
                                .bounds = df_walk_bounds(walk, tile),
-                               .isolate = DF_SOLVE_ISOLATES(walk->options.solve)};
+                               .isolate = DF_SOLVE_ISOLATES(walk->options.solve),
+                               .split = walk->options.walk.split,
+                               .alone = walk_alone};
     const uint32_t count = walk->options.kernels->packet(&job, walk->candidates[thread], counters);
     df_walk_solve(walk, thread, tile, count, hits);
     return DF_OK;

@@ -1,5 +1,6 @@
 #include "render/cpu/walk.h"
 #include "common/memory.h"
+#include "render/methods/dda.h"
 
 #include <stdlib.h>
 
@@ -48,6 +49,21 @@ bool df_walk_touches(const void *opaque, const df_tile *tile) {
 
 const df_bounds *df_walk_bounds(const df_walk *walk, const df_tile *tile) {
     return walk->options.walk.bounds && tile->view ? &walk->bounds : NULL;
+}
+
+void df_walk_ray(const df_bounds *bounds, const df_tile *tile, uint32_t i, dda_ray *ray) {
+    const df_rays *rays = &tile->rays;
+    for (int a = 0; a < 3; a++) {
+        ray->origin[a] = rays->origin[a][rays->shared_origin ? 0 : i];
+        ray->direction[a] = rays->direction[a][i];
+        ray->inverse[a] = rays->inverse[a][i];
+    }
+    ray->first = 0;
+    ray->last = INFINITY;
+    if (bounds) {
+        df_bounds_ray(bounds, tile->x + i % tile->width, tile->y + i / tile->width, rays->t_base ? rays->t_base[i] : 0,
+                      &ray->first, &ray->last);
+    }
 }
 
 void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits) {

@@ -26,6 +26,11 @@ bool df_walk_touches(const void *walk, const df_tile *tile);
 /* The intervals of a tile's rays; NULL: they have none. */
 const df_bounds *df_walk_bounds(const df_walk *walk, const df_tile *tile);
 
+/* A ray of a tile as the scalar walks take it (methods/dda.h). bounds: of df_walk_bounds; first > last where it cannot
+ * hit. */
+struct dda_ray;
+void df_walk_ray(const df_bounds *bounds, const df_tile *tile, uint32_t i, struct dda_ray *ray);
+
 /* Solves the first `count` candidates of a thread and appends them to hits. */
 void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits);
 
