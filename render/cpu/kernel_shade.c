@@ -6,16 +6,29 @@
 
 #include <string.h>
 
-/* Samples around DF_LANES hits, as they are fetched. */
+/* Samples around DF_LANES hits, as they are fetched, and around voxels that hits before them lay in. */
+enum { KEPT = 64 };
 typedef struct stencils {
+    const float *from[DF_LANES];
     float of[DF_LANES][DF_FETCH_STENCIL];
+    uint64_t voxel[KEPT];   /* x + 2^16 y + 2^32 z; all bits set: none */
+    uint32_t needed[KEPT];  /* the vector of hits that wants it last: it stays as long */
+    float kept[KEPT][DF_FETCH_STENCIL];
 } stencils;
 
 static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes,
                                   bool beyond, stencils *in, df_sample_type type) {
     for (uint32_t i = 0; i < lanes; i++) {
         const uint32_t voxel[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
-        df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, in->of[i], type);
+        const uint64_t key = voxel[0] | (uint64_t)voxel[1] << 16 | (uint64_t)voxel[2] << 32;
+        const uint32_t slot = (voxel[0] + 5 * voxel[1] + 25 * voxel[2]) % KEPT;
+        const bool known = in->voxel[slot] == key, keep = known || in->needed[slot] != first;
+        float *samples = keep ? in->kept[slot] : in->of[i];
+        in->from[i] = samples;
+        if (keep) in->needed[slot] = first;
+        if (known) continue;
+        if (keep) in->voxel[slot] = key;
+        df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, samples, type);
     }
 }
 
@@ -29,6 +42,7 @@ static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint
         df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond ? DF_REACH_FACES : DF_REACH_CELL,
                               stencil, 1);
         for (int n = 0; n < DF_FETCH_STENCIL; n++) in->of[i][n] = stencil[df_fetch_place(n)];
+        in->from[i] = in->of[i];
     }
 }
 
@@ -37,7 +51,7 @@ static void transpose_stencils(const stencils *in, lf stencil[64]) {
     for (int part = 0; part < DF_FETCH_STENCIL; part += 8) {
         const float *from[DF_LANES];
         lf eight[8];
-        for (int i = 0; i < DF_LANES; i++) from[i] = in->of[i] + part;
+        for (int i = 0; i < DF_LANES; i++) from[i] = in->from[i] + part;
         lf_load_8(from, eight);
         for (int n = 0; n < 8; n++) stencil[df_fetch_place(part + n)] = eight[n];
     }
@@ -116,7 +130,10 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     const float albedo[3] = DF_SHADE_ALBEDO;
     lf size[3], inverse_size[3];
     stencils in;
-    memset(&in, 0, sizeof in);
+    memset(in.of, 0, sizeof in.of);
+    memset(in.voxel, 0xFF, sizeof in.voxel);
+    memset(in.needed, 0xFF, sizeof in.needed);
+    for (int i = 0; i < DF_LANES; i++) in.from[i] = in.of[i];
     for (int a = 0; a < 3; a++) {
         size[a] = lf_set(view->relative_size[a]);
         inverse_size[a] = lf_set(1.0f / view->relative_size[a]);
