@@ -122,11 +122,10 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
 }
 
 /* DF_LANES voxels: the pixels of the tile that may see their surface, inclusive, none where x1 < x0 or y1 < y0, and the
- * least t at which they can. */
+ * least t at which they can. Pixels are whole numbers. */
 typedef struct voxels {
-    float cell[3][DF_LANES];
-    int32_t x0[DF_LANES], x1[DF_LANES], y0[DF_LANES], y1[DF_LANES];
-    float t_near[DF_LANES];
+    lf cell[3], x0, x1, y0, y1, t_near;
+    uint32_t first, block; /* the record of lane 0, and the block of all */
 } voxels;
 
 /* Returns which of the voxels with boxes around `centre`, to both sides `half`, may be seen. */
@@ -160,11 +159,11 @@ static lm project(const df_splat_job *job, const lf centre[3], const lf half[3],
         low[i] = lf_select(beside, zero, low[i]);
         high[i] = lf_select(beside, last, high[i]);
     }
-    li_store(out->x0, li_from_lf(low[0]));
-    li_store(out->y0, li_from_lf(low[1]));
-    li_store(out->x1, li_from_lf(high[0]));
-    li_store(out->y1, li_from_lf(high[1]));
-    lf_store(out->t_near, lf_select(beside, zero, nearest * lf_set(0.99999f)));
+    out->x0 = low[0];
+    out->y0 = low[1];
+    out->x1 = high[0];
+    out->y1 = high[1];
+    out->t_near = lf_select(beside, zero, nearest * lf_set(0.99999f));
     const lm ahead = lf_le(zero, at[0] + reach[0]);
     return lm_and(ahead, lm_and(lf_le(low[0], high[0]), lf_le(low[1], high[1])));
 }
@@ -188,65 +187,104 @@ static int block_may_show(const df_splat_job *job, const df_block_rect *rect) {
     return 0;
 }
 
-/* Completes the pairs from entry `first` of the queue on: all are of voxel `i`. */
-static void name_voxel(queue *q, uint32_t first, const voxels *of, int i, uint32_t record, uint32_t block) {
+static li lane_numbers(void) {
+    int32_t lane[DF_LANES];
+    for (int i = 0; i < DF_LANES; i++) lane[i] = i;
+    return li_load(lane);
+}
+
+/* Voxels of up to SMALL x SMALL pixels are paired side by side, pixel by pixel; larger ones by rows of pixels. */
+#define SMALL 3
+
+/* Queues the pairs of the voxels `seen` with the pixels of their bounds, as far as nothing nearer is there yet. */
+static void queue_small(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters) {
+    const lf width = lf_set((float)job->tile->width), one = lf_set(1);
+    const li record = li_add(lane_numbers(), li_set((int32_t)of->first));
+    for (lf y = of->y0; lm_any(seen); y = y + one) {
+        seen = lm_and(seen, lf_le(y, of->y1));
+        lm row = seen;
+        for (lf x = of->x0; lm_any(row); x = x + one) {
+            row = lm_and(row, lf_le(x, of->x1));
+            const li ray = li_from_lf(lf_select(row, y * width + x, lf_set(0)));
+            const lm open = lm_and(row, lf_le(of->t_near, lf_gather(job->depth, ray)));
+            li_compress(q->ray + q->count, open, ray);
+            li_compress(q->record + q->count, open, record);
+            li_store(q->block + q->count, li_set((int32_t)of->block));
+            for (int a = 0; a < 3; a++) lf_compress(q->cell[a] + q->count, open, of->cell[a]);
+            q->count += (uint32_t)__builtin_popcount(lm_bits(open));
+            if (q->count >= QUEUE_FLUSH) flush(job, q, 0, counters);
+        }
+    }
+}
+
+/* Completes the pairs from entry `first` of the queue on: all are of one voxel. */
+static void name_voxel(queue *q, uint32_t first, const float cell[3], uint32_t record, uint32_t block) {
     for (uint32_t at = first; at < q->count; at += DF_LANES) {
         li_store(q->record + at, li_set((int32_t)record));
         li_store(q->block + at, li_set((int32_t)block));
-        for (int a = 0; a < 3; a++) lf_store(q->cell[a] + at, lf_set(of->cell[a][i]));
+        for (int a = 0; a < 3; a++) lf_store(q->cell[a] + at, lf_set(cell[a]));
     }
 }
 
-/* Queues the pairs of voxel `i` with the pixels of its bounds, as far as nothing nearer is there yet. */
-static void queue_pairs(const df_splat_job *job, queue *q, const voxels *of, int i, uint32_t record, uint32_t block,
-                        li lane, df_counters *counters) {
+/* queue_small for voxels of any size. */
+static void queue_large(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters) {
     const int32_t width = (int32_t)job->tile->width;
-    const lf t_near = lf_set(of->t_near[i]);
-    uint32_t first = q->count;
-    for (int32_t y = of->y0[i]; y <= of->y1[i]; y++) {
-        for (int32_t x = of->x0[i]; x <= of->x1[i]; x += DF_LANES) {
-            const int32_t ray = y * width + x;
-            const lm open = lm_and(lf_le(t_near, lf_load(job->depth + ray)), lm_first((uint32_t)(of->x1[i] - x + 1)));
-            li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
-            q->count += (uint32_t)__builtin_popcount(lm_bits(open));
-            if (q->count < QUEUE_FLUSH) continue;
-            name_voxel(q, first, of, i, record, block);
-            flush(job, q, 0, counters);
-            first = q->count;
+    const li lane = lane_numbers();
+    int32_t x0[DF_LANES], x1[DF_LANES], y0[DF_LANES], y1[DF_LANES];
+    float cells[3][DF_LANES], t_near[DF_LANES];
+    li_store(x0, li_from_lf(of->x0));
+    li_store(x1, li_from_lf(of->x1));
+    li_store(y0, li_from_lf(of->y0));
+    li_store(y1, li_from_lf(of->y1));
+    lf_store(t_near, of->t_near);
+    for (int a = 0; a < 3; a++) lf_store(cells[a], of->cell[a]);
+    for (uint32_t bits = lm_bits(seen); bits; bits &= bits - 1) {
+        const int i = __builtin_ctz(bits);
+        const float cell[3] = {cells[0][i], cells[1][i], cells[2][i]};
+        const lf nearest = lf_set(t_near[i]);
+        uint32_t named = q->count;
+        for (int32_t y = y0[i]; y <= y1[i]; y++) {
+            for (int32_t x = x0[i]; x <= x1[i]; x += DF_LANES) {
+                const int32_t ray = y * width + x;
+                const lm open = lm_and(lf_le(nearest, lf_load(job->depth + ray)), lm_first((uint32_t)(x1[i] - x + 1)));
+                li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
+                q->count += (uint32_t)__builtin_popcount(lm_bits(open));
+                if (q->count < QUEUE_FLUSH) continue;
+                name_voxel(q, named, cell, of->first + (uint32_t)i, of->block);
+                flush(job, q, 0, counters);
+                named = q->count;
+            }
         }
+        name_voxel(q, named, cell, of->first + (uint32_t)i, of->block);
     }
-    name_voxel(q, first, of, i, record, block);
 }
 
-/* DF_LANES records of a block from `first` on, of which the first `count` count. */
-static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, uint32_t first, uint32_t count, li lane,
+/* Pairs DF_LANES records of a block from `first` on, of which the first `count` count. */
+static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, uint32_t first, uint32_t count,
                          df_counters *counters) {
-    const int shift = job->scene->k_shift;
+    const int shift = (int)job->scene->k_shift;
     const li mask = li_set((int32_t)job->scene->k - 1), eighth = li_set(7);
     const li voxel = li_load((const int32_t *)job->surface->voxels + first);
-    voxels of;
+    voxels of = {.first = first, .block = block};
     lf centre[3], half[3];
     for (int a = 0; a < 3; a++) {
         const lf low = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_LOW + 3 * a), eighth));
         const lf high = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_HIGH + 3 * a), eighth)) + lf_set(1);
-        const lf cell = lf_from_li(
-            li_add(li_and(li_shift_right(voxel, a * shift), mask), li_set((int32_t)job->surface->corner[a][block])));
-        lf_store(of.cell[a], cell);
-        centre[a] = cell + (low + high) * lf_set(1.0f / 16);
+        const li within = li_and(li_shift_right(voxel, a * shift), mask);
+        of.cell[a] = lf_from_li(li_add(within, li_set((int32_t)job->surface->corner[a][block])));
+        centre[a] = of.cell[a] + (low + high) * lf_set(1.0f / 16);
         half[a] = (high - low) * lf_set(1.0f / 16);
     }
-    const lm seen = lm_and(project(job, centre, half, &of), lm_first(count));
-    for (uint32_t bits = lm_bits(seen); bits; bits &= bits - 1) {
-        const int i = __builtin_ctz(bits);
-        queue_pairs(job, q, &of, i, first + (uint32_t)i, block, lane, counters);
-    }
     counters->fine_steps += count;
+    const lm seen = lm_and(project(job, centre, half, &of), lm_first(count));
+    if (!lm_any(seen)) return;
+    const lm large = lm_or(lf_le(lf_set(SMALL), of.x1 - of.x0), lf_le(lf_set(SMALL), of.y1 - of.y0));
+    if (lm_any(lm_and(seen, large))) queue_large(job, q, &of, seen, counters);
+    else queue_small(job, q, &of, seen, counters);
 }
 
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) {
     const df_surface *surface = job->surface;
-    int32_t iota[DF_LANES];
-    for (int i = 0; i < DF_LANES; i++) iota[i] = i;
     queue q;
     q.count = 0;
     for (uint32_t n = 0; n < job->count; n++) {
@@ -256,7 +294,7 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
         if (!block_may_show(job, rect)) continue;
         for (uint32_t first = surface->first[block]; first < last; first += DF_LANES) {
             const uint32_t count = last - first < DF_LANES ? last - first : DF_LANES;
-            splat_voxels(job, &q, block, first, count, li_load(iota), counters);
+            splat_voxels(job, &q, block, first, count, counters);
         }
     }
     flush(job, &q, 1, counters);
