@@ -11,8 +11,8 @@ enum { KEPT = 64 };
 typedef struct stencils {
     const float *from[DF_LANES];
     float of[DF_LANES][DF_FETCH_STENCIL];
-    uint64_t voxel[KEPT];   /* x + 2^16 y + 2^32 z; all bits set: none */
-    uint32_t needed[KEPT];  /* the vector of hits that wants it last: it stays as long */
+    uint64_t voxel[KEPT];  /* x + 2^16 y + 2^32 z; all bits set: none */
+    uint32_t needed[KEPT]; /* the vector of hits that wants it last: it stays as long */
     float kept[KEPT][DF_FETCH_STENCIL];
 } stencils;
 

@@ -74,12 +74,40 @@ static ld solve_analytic(const ld bernstein[4], ldm inside) {
     return ld_select(part.found, ld_load(s), df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, ld_set(0)));
 }
 
+enum { PARTS = DF_LANES / DF_DOUBLE_LANES };
+
+/* The s of PARTS cubics. Robust steps take turns: one waits for the other's division. */
+static inline void solve_cubics(const df_trace_options *options, const ld bern[PARTS][4], const ldm inside[PARTS],
+                                ld s[PARTS]) {
+    const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
+    const ld tolerance = ld_set(SOLVE_TOLERANCE);
+    if (options->solve != DF_SOLVE_ROBUST) {
+        for (int part = 0; part < PARTS; part++) {
+            s[part] = options->solve == DF_SOLVE_ANALYTIC
+                          ? solve_analytic(bern[part], inside[part])
+                          : df_solve_f64(options->solve, steps, bern[part], inside[part], tolerance);
+        }
+        return;
+    }
+    df_root_f64 root[PARTS];
+    for (int part = 0; part < PARTS; part++) df_root_begin_f64(DF_SOLVE_ROBUST, bern[part], inside[part], &root[part]);
+    for (int i = 0; i < steps; i++) {
+        ldm done = root[0].done;
+        for (int part = 1; part < PARTS; part++) done = ldm_and(done, root[part].done);
+        if (!ldm_any(ldm_not(done))) break;
+        for (int part = 0; part < PARTS; part++) df_illinois_step_f64(&root[part], tolerance);
+    }
+    for (int part = 0; part < PARTS; part++) s[part] = df_root_end_f64(&root[part]);
+}
+
 /* Solves a batch for the hits from `at` on. size_is_1: of all cells, which saves a division. */
 static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
                                uint32_t at) {
-    const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
-    for (int part = 0; part < DF_LANES / DF_DOUBLE_LANES; part++, at += DF_DOUBLE_LANES) {
-        ld origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
+    df_segment_f64 segment[PARTS];
+    ldm inside[PARTS];
+    ld bern[PARTS][4], s[PARTS];
+    for (int part = 0; part < PARTS; part++) {
+        ld origin[3], direction[3], inverse[3], cell[3], corner[8];
         for (int a = 0; a < 3; a++) {
             origin[a] = ld_part(in->origin[a], part);
             direction[a] = ld_part(in->direction[a], part);
@@ -87,16 +115,16 @@ static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_o
             cell[a] = ld_part(in->cell[a], part);
         }
         for (int k = 0; k < 8; k++) corner[k] = ld_part(in->corner[k], part);
-        const ldm inside = ld_lt(ld_set(0), ld_part(in->inside, part));
         const ld size = size_is_1 ? ld_set(1) : ld_part(in->size, part);
-        df_segment_f64 segment;
-        df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment);
-        df_bernstein_f64(corner, segment.a, segment.b, bern);
-        const ld s = options->solve == DF_SOLVE_ANALYTIC
-                         ? solve_analytic(bern, inside)
-                         : df_solve_f64(options->solve, steps, bern, inside, ld_set(SOLVE_TOLERANCE));
-        ld_store(hits->t + at, df_lerp_f64(segment.t_in, ld_max(segment.t_in, segment.t_out), s));
-        for (int a = 0; a < 3; a++) ld_store_f32(hits->local[a] + at, df_lerp_f64(segment.a[a], segment.b[a], s));
+        inside[part] = ld_lt(ld_set(0), ld_part(in->inside, part));
+        df_cell_segment_f64(origin, direction, inverse, ld_set(0), cell, size, &segment[part]);
+        df_bernstein_f64(corner, segment[part].a, segment[part].b, bern[part]);
+    }
+    solve_cubics(options, bern, inside, s);
+    for (int part = 0; part < PARTS; part++, at += DF_DOUBLE_LANES) {
+        const df_segment_f64 *g = &segment[part];
+        ld_store(hits->t + at, df_lerp_f64(g->t_in, ld_max(g->t_in, g->t_out), s[part]));
+        for (int a = 0; a < 3; a++) ld_store_f32(hits->local[a] + at, df_lerp_f64(g->a[a], g->b[a], s[part]));
     }
 }
 

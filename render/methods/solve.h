@@ -68,43 +68,26 @@ static inline lr LR(df_repeat_linear)(const lr bern[4], lrm inside, LR(df_bracke
     return LR(df_chord)(part.low, part.high, part.f_low, part.f_high);
 }
 
-/* Regula falsi that halves the value of an end which stays (Illinois); a lane that no longer moves is left alone. */
-static inline lr LR(df_illinois)(const lr bern[4], lrm inside, LR(df_bracket) part, int steps, lr tolerance) {
-    const lr one_half = lr_set(0.5);
-    lrm kept_low = lr_lt(one_half, lr_set(0)), kept_high = kept_low, done = kept_low; /* all false */
-    lr s = LR(df_chord)(part.low, part.high, part.f_low, part.f_high);
-    for (int i = 0; i < steps; i++) {
-        lr f = LR(df_cubic)(bern, s);
-        lrm crossed = lrm_xor(inside, lr_lt(f, lr_set(0)));
-        part.f_low = lr_select(crossed, lr_select(kept_low, part.f_low * one_half, part.f_low), f);
-        part.f_high = lr_select(crossed, f, lr_select(kept_high, part.f_high * one_half, part.f_high));
-        part.high = lr_select(crossed, s, part.high);
-        part.low = lr_select(crossed, part.low, s);
-        kept_low = crossed;
-        kept_high = lrm_not(crossed);
-        lr next = LR(df_chord)(part.low, part.high, part.f_low, part.f_high);
-        lrm still = lr_le(lr_abs(next - s), tolerance);
-        s = lr_select(done, s, next);
-        done = lrm_or(done, still);
-        if (!lrm_any(lrm_not(done))) break;
-    }
-    return s;
-}
+/* A solve on its way. */
+typedef struct LR(df_root) {
+    lr bern[4], extremum, s;
+    LR(df_bracket) part;
+    lrm inside, kept_low, kept_high, done; /* Illinois: which end stayed, and whether s no longer moves */
+} LR(df_root);
 
-/* The s of the first crossing on a segment, for every method but the closed form. `steps` means what df_solve_steps in
- * tracer.h says for the method. */
-static inline lr LR(df_solve)(int method, int steps, const lr bernstein[4], lrm inside, lr tolerance) {
+/* Brackets the first crossing. */
+static inline void LR(df_root_begin)(int method, const lr bernstein[4], lrm inside, LR(df_root) * root) {
     const lr zero = lr_set(0), one = lr_set(1);
-    if (method == DF_SOLVE_MIDPOINT) return lr_set(0.5);
-    lr bern[4] = {bernstein[0], bernstein[1], bernstein[2], bernstein[3]}, extremum, s;
+    lr *bern = root->bern;
+    for (int i = 0; i < 4; i++) bern[i] = bernstein[i];
     if (LR_NARROW) LR(df_cubic_scale)(bern);
     LR(df_bracket) part = {zero, one, bern[0], bern[3], lrm_xor(inside, lr_lt(bern[3], zero))};
-    extremum = one;
+    root->extremum = one;
     if (DF_SOLVE_ISOLATES(method)) {
         /* Where there is one crossing, the robust solve needs no extrema; they cost more than its steps. */
         const lrm whole = method == DF_SOLVE_ROBUST ? LR(df_crosses_once)(bern, inside) : lr_lt(one, zero);
         if (lrm_any(lrm_not(whole))) {
-            const LR(df_bracket) isolated = LR(df_isolate)(bern, inside, &extremum);
+            const LR(df_bracket) isolated = LR(df_isolate)(bern, inside, &root->extremum);
             part.low = lr_select(whole, part.low, isolated.low);
             part.high = lr_select(whole, part.high, isolated.high);
             part.f_low = lr_select(whole, part.f_low, isolated.f_low);
@@ -112,10 +95,55 @@ static inline lr LR(df_solve)(int method, int steps, const lr bernstein[4], lrm 
             part.found = lrm_or(whole, isolated.found);
         }
     }
-    if (method == DF_SOLVE_ROBUST) s = LR(df_illinois)(bern, inside, part, steps, tolerance);
-    else s = LR(df_repeat_linear)(bern, inside, part, method == DF_SOLVE_LINEAR ? 0 : steps);
+    root->part = part;
+    root->inside = inside;
+    root->kept_low = root->kept_high = root->done = lr_lt(one, zero); /* all false */
+    root->s = LR(df_chord)(part.low, part.high, part.f_low, part.f_high);
+}
+
+/* A step of regula falsi that halves the value of an end which stays (Illinois); a lane that no longer moves is left
+ * alone. */
+static inline void LR(df_illinois_step)(LR(df_root) * root, lr tolerance) {
+    const lr one_half = lr_set(0.5);
+    LR(df_bracket) *part = &root->part;
+    lr f = LR(df_cubic)(root->bern, root->s);
+    lrm crossed = lrm_xor(root->inside, lr_lt(f, lr_set(0)));
+    part->f_low = lr_select(crossed, lr_select(root->kept_low, part->f_low * one_half, part->f_low), f);
+    part->f_high = lr_select(crossed, f, lr_select(root->kept_high, part->f_high * one_half, part->f_high));
+    part->high = lr_select(crossed, root->s, part->high);
+    part->low = lr_select(crossed, part->low, root->s);
+    root->kept_low = crossed;
+    root->kept_high = lrm_not(crossed);
+    lr next = LR(df_chord)(part->low, part->high, part->f_low, part->f_high);
+    lrm still = lr_le(lr_abs(next - root->s), tolerance);
+    root->s = lr_select(root->done, root->s, next);
+    root->done = lrm_or(root->done, still);
+}
+
+/* Takes the steps of a method from its bracket. `steps` means what df_solve_steps in tracer.h says for the method. */
+static inline void LR(df_root_steps)(int method, int steps, LR(df_root) * root, lr tolerance) {
+    if (method != DF_SOLVE_ROBUST) {
+        root->s = LR(df_repeat_linear)(root->bern, root->inside, root->part, method == DF_SOLVE_LINEAR ? 0 : steps);
+        return;
+    }
+    for (int i = 0; i < steps && lrm_any(lrm_not(root->done)); i++) LR(df_illinois_step)(root, tolerance);
+}
+
+/* The s of the first crossing. */
+static inline lr LR(df_root_end)(const LR(df_root) * root) {
+    const lr zero = lr_set(0), one = lr_set(1);
+    const lr *bern = root->bern;
     lr nearest = lr_select(lr_lt(lr_abs(bern[0]), lr_abs(bern[3])), zero, one);
-    nearest = lr_select(lr_lt(extremum, one), extremum, nearest);
-    s = lr_select(part.found, s, nearest);
-    return lr_select(lrm_xor(inside, lr_lt(bern[0], zero)), zero, s); /* the other side begins at the entry */
+    nearest = lr_select(lr_lt(root->extremum, one), root->extremum, nearest);
+    lr s = lr_select(root->part.found, root->s, nearest);
+    return lr_select(lrm_xor(root->inside, lr_lt(bern[0], zero)), zero, s); /* the other side begins at the entry */
+}
+
+/* All of it, for every method but the closed form. */
+static inline lr LR(df_solve)(int method, int steps, const lr bernstein[4], lrm inside, lr tolerance) {
+    if (method == DF_SOLVE_MIDPOINT) return lr_set(0.5);
+    LR(df_root) root;
+    LR(df_root_begin)(method, bernstein, inside, &root);
+    LR(df_root_steps)(method, steps, &root, tolerance);
+    return LR(df_root_end)(&root);
 }
