@@ -17,6 +17,7 @@ typedef struct device_part {
     df_renderer *cpu;
     df_opencl_renderer *opencl;
     char name[160];
+    const char *tracer;
     uint32_t first_row, row_count;
     double start_ms, end_ms;
     df_opencl_times times;
@@ -87,8 +88,24 @@ static df_status open_cpu(df_devices *d, device_part *part, df_error *err) {
                        d->frame.tracer->name);
     }
     snprintf(part->name, sizeof part->name, "cpu");
+    part->tracer = d->frame.tracer->name;
     part->number = DF_DEVICE_CPU;
     return df_renderer_open(d->scene, &d->frame, d->width, d->height, &part->cpu, err);
+}
+
+/* How an OpenCL device finds hits: by the tracer that was asked for by name, or by its own. */
+static df_status choose_tracer(const df_devices *d, df_opencl_tracer *tracer, df_error *err) {
+    int number = DF_OPENCL_DDA;
+    if (d->options.tracer_given) {
+        const char *name = d->frame.tracer->name;
+        for (number = 0; number < DF_OPENCL_TRACER_COUNT; number++) {
+            if (strcmp(name, df_opencl_tracer_names[number]) == 0) break;
+        }
+        if (number == DF_OPENCL_TRACER_COUNT)
+            return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda and cgt", name);
+    }
+    *tracer = (df_opencl_tracer)number;
+    return DF_OK;
 }
 
 static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, df_error *err) {
@@ -96,25 +113,26 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
         df_status status = df_opencl_find(&d->list, &d->list_count, err);
         if (status != DF_OK) return status;
     }
-    if (d->scene->levels && d->options.tracer_given && d->frame.tracer != &df_tracer_dda && d->part_count == 1) {
-        return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda", d->frame.tracer->name);
-    }
+    df_opencl_tracer tracer;
+    df_status status = choose_tracer(d, &tracer, err);
+    if (status != DF_OK) return status;
     if (d->frame.filter)
         return df_fail(err, DF_ERROR_USAGE, "--filter %s is the CPU's: OpenCL devices interpolate trilinearly",
                        df_filter_names[d->frame.filter]);
     if (d->frame.walk.bounds)
         return df_fail(err, DF_ERROR_USAGE, "--bounds %s is the CPU's: OpenCL devices walk whole rays",
                        df_bounds_names[d->frame.walk.bounds]);
-    df_status status =
-        df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
+    status = df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
     if (status != DF_OK) return status;
-    const df_opencl_options options = {.tracer = d->options.tracer,
+    const uint32_t *group = d->options.group, packet = tracer == DF_OPENCL_CGT ? d->frame.walk.packet : 0;
+    const df_opencl_options options = {.tracer = tracer,
                                        .solve = d->frame.solve,
                                        .steps = d->frame.steps,
                                        .gradient = d->frame.gradient,
-                                       .group = {d->options.group[0], d->options.group[1]},
+                                       .group = {group[0] ? group[0] : packet, group[0] ? group[1] : packet},
                                        .images = d->options.images,
                                        .log = d->options.messages};
+    part->tracer = df_opencl_tracer_names[tracer];
     snprintf(part->name, sizeof part->name, "opencl:%u %s", part->number, d->list[part->number].name);
     return df_opencl_renderer_open(&d->list[part->number], d->scene, &options, &part->opencl, err);
 }
@@ -296,6 +314,7 @@ uint32_t df_devices_report(const df_devices *d, df_device_report reports[DF_DEVI
         const device_part *part = &d->parts[i];
         df_device_report *report = &reports[i];
         memcpy(report->name, part->name, sizeof report->name);
+        report->tracer = part->tracer;
         report->rows = part->row_count;
         report->ms = part->end_ms - part->start_ms;
         report->trace_ms = part->times.trace_ms;

@@ -26,10 +26,9 @@ typedef struct df_devices df_devices;
 
 typedef struct df_devices_options {
     df_device_choice choice;
-    bool tracer_given; /* the tracer of the frame options was asked for by name: OpenCL devices alone refuse what they
-                          lack */
-    df_opencl_tracer tracer; /* of OpenCL devices, and their work groups: df_opencl_options */
-    uint32_t group[2];
+    bool tracer_given; /* the tracer of the frame options was asked for by name: all devices use it, or refuse what they
+                          lack; otherwise each takes its own */
+    uint32_t group[2]; /* of OpenCL devices: df_opencl_options */
     bool images;
     FILE *messages;      /* where the log of a failed build goes and what "auto" has to say; NULL: nowhere */
     const char *program; /* stands before messages */
@@ -60,7 +59,8 @@ void df_devices_learn(const uint32_t rows[], const double ms[], uint32_t count, 
 
 /* Of the last picture, by part. */
 typedef struct df_device_report {
-    char name[160]; /* "cpu" or "opencl:0 NAME" */
+    char name[160];     /* "cpu" or "opencl:0 NAME" */
+    const char *tracer; /* its name */
     uint32_t rows;
     double ms;                  /* from the first command to the last row */
     double build_ms, upload_ms; /* once, when it was opened; 0 for the CPU, as the following */

@@ -55,7 +55,6 @@ enum {
     KEY_DEVICE,
     KEY_LIST_DEVICES,
     KEY_WORK_GROUP,
-    KEY_KERNEL,
     KEY_GRADIENT_IMAGE,
     KEY_THREADS,
     KEY_ISA,
@@ -106,7 +105,8 @@ static const struct argp_option option_table[] = {
      "lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "
      "default "
-     "auto: the fastest that suits the field and the view",
+     "auto: the fastest that suits the field and the view. OpenCL devices have dda (auto), and cgt, whose packets are "
+     "their work groups",
      0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,
      "How a ray is solved in a voxel: midpoint, linear, repeated, marmitt, analytic, robust (default robust)", 0},
@@ -124,7 +124,8 @@ static const struct argp_option option_table[] = {
      0},
     {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
-    {"packet", KEY_SETTING + 14, "N", 0, "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8)", 0},
+    {"packet", KEY_SETTING + 14, "N", 0,
+     "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8); on OpenCL devices also of its work group", 0},
     {"clip", KEY_SETTING + 15, "on|off", 0,
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
     {"split", KEY_SETTING + 18, "N", 0,
@@ -145,11 +146,9 @@ static const struct argp_option option_table[] = {
      "picture, or auto: a GPU where there is one, else the CPU. The picture is the same",
      0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
-    {"kernel", KEY_KERNEL, "NAME", 0,
-     "How OpenCL devices find hits: dda, each ray alone (default), or cgt, work groups as packets", 0},
     {"gradient-image", KEY_GRADIENT_IMAGE, 0, 0,
      "OpenCL devices read samples for gradients from a 3D image (dense fields)", 0},
-    {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8)", 0},
+    {"work-group", KEY_WORK_GROUP, "WxH", 0, "Pixels of an OpenCL work group (default 8x8, or --packet)", 0},
     {"isa", KEY_ISA, "NAME", 0,
      "Instruction set: scalar, sse4.1, avx2, avx512 (default auto: the widest that the processor has)", 0},
     {"tile", KEY_TILE, "N", 0, "Edge of the square tiles that threads work on, pixels (default 64)", 0},
@@ -200,12 +199,6 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case KEY_NORMALS: opts->normals_path = argument; return 0;
     case KEY_DEVICE: check(state, df_devices_parse(argument, &opts->devices.choice, &err), &err); return 0;
     case KEY_LIST_DEVICES: opts->list_devices = true; return 0;
-    case KEY_KERNEL: {
-        uint32_t number = 0;
-        check(state, df_parse_name("--kernel", argument, df_opencl_tracer_names, &number, &err), &err);
-        opts->devices.tracer = (df_opencl_tracer)number;
-        return 0;
-    }
     case KEY_GRADIENT_IMAGE: opts->devices.images = true; return 0;
     case KEY_WORK_GROUP:
         check(state, df_parse_size("--work-group", argument, &opts->devices.group[0], &opts->devices.group[1], &err),

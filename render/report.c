@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* What OpenCL devices took, and where a picture has several parts, each of them. */
-static void add_devices(const df_devices *devices, const df_tracer *tracer, json_t *json) {
+static void add_devices(const df_devices *devices, json_t *json) {
     df_device_report parts[DF_DEVICE_MAX];
     const uint32_t count = df_devices_report(devices, parts);
     double build_ms = 0, upload_ms = 0, download_ms = 0;
@@ -15,9 +15,9 @@ static void add_devices(const df_devices *devices, const df_tracer *tracer, json
         build_ms += parts[i].build_ms;
         upload_ms += parts[i].upload_ms;
         download_ms += parts[i].download_ms;
-        const char *name = strncmp(parts[i].name, "opencl", 6) == 0 ? "dda" : tracer->name; /* what devices have */
-        if (!strstr(tracers, name))
-            snprintf(tracers + strlen(tracers), sizeof tracers - strlen(tracers), "%s%s", *tracers ? " + " : "", name);
+        if (i == 0 || strcmp(parts[i].tracer, parts[i - 1].tracer) != 0)
+            snprintf(tracers + strlen(tracers), sizeof tracers - strlen(tracers), "%s%s", *tracers ? " + " : "",
+                     parts[i].tracer);
         used += (size_t)snprintf(text + used, sizeof text - used, "%s%.*s", i ? " + " : "",
                                  (int)sizeof parts[i].name - 1, parts[i].name);
     }
@@ -48,7 +48,8 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "field", json_string(report->field_path));
     json_object_set_new(json, "structure", json_string(df_scene_structure_name(report->scene)));
     json_object_set_new(json, "samples", json_string(df_sample_type_name(field->sample_type)));
-    json_object_set_new(json, "tracer", json_string(report->tracer->name));
+    json_object_set_new(json, "tracer",
+                        json_string(report->tracer->name)); /* keeps its place: add_devices completes it */
     json_object_set_new(json, "bounds", json_string(df_bounds_names[settings->walk.bounds]));
     json_object_set_new(json, "filter", json_string(df_filter_names[settings->filter]));
     json_object_set_new(json, "intersect", json_string(own ? "own" : df_solve_names[settings->solve]));
@@ -76,7 +77,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "phase_rays_ms", json_real(stats->rays_ms));
     json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms));
     json_object_set_new(json, "phase_shade_ms", json_real(stats->shade_ms));
-    add_devices(report->devices, report->tracer, json);
+    add_devices(report->devices, json);
     return json;
 }
 
