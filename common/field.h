@@ -156,15 +156,6 @@ static inline uint64_t df_adf_sample_bytes(const df_field *field) {
                df_sample_size(field->sample_type);
 }
 
-/* A cell of the octree. */
-typedef struct df_adf_cell {
-    uint32_t corner[3]; /* lower corner, voxels */
-    uint32_t side;      /* voxels */
-    uint32_t family;    /* the family that holds its samples, and its number there */
-    uint32_t child;
-    df_child_state state;
-} df_adf_cell;
-
 /* The cell that holds a grid position in [0, 2^level_count]^3: a leaf, or the cell on level `level_limit` (1: children
  * of the root) where the tree is deeper. A position on a face belongs to the upper cell, except at the end. */
 void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell);

@@ -1,6 +1,7 @@
 #include "common/octree.h"
 #include "common/field.h"
 #include "common/memory.h"
+#include "common/octree_samples.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -10,92 +11,28 @@
 
 enum { PARALLEL_FAMILIES = 4000 }; /* below that, threads cost more than they gain */
 
-/* Where the samples of a family lie, and what makes values of them. */
-typedef struct coded {
-    const float *values; /* of an exact family; otherwise NULL */
-    const uint16_t *residuals16;
-    const uint8_t *residuals8;
-    float step;
-} coded;
-
-static coded coded_of(const df_field *field, uint32_t family) {
-    const float *exact = (const float *)field->samples + 8;
-    if (family < field->exact_count) return (coded){.values = exact + (size_t)family * DF_FAMILY_STORED_COUNT};
-    const void *rest = exact + (size_t)field->exact_count * DF_FAMILY_STORED_COUNT;
-    const size_t number = family - field->exact_count, at = number * DF_FAMILY_STORED_COUNT;
-    coded c = {.step = df_power_of_two(field->brick_exponents[number])};
-    if (field->sample_type == DF_SAMPLE_U16) c.residuals16 = (const uint16_t *)rest + at;
-    else c.residuals8 = (const uint8_t *)rest + at;
-    return c;
+void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell) {
+    assert(field->kind == DF_FIELD_ADF && level_limit >= 1);
+    df_octree_find(field, grid, level_limit, cell);
 }
 
-static inline float decode(const coded *c, const float cell[8], uint32_t sample) {
-    const int slot = df_family_slot(sample);
-    if (slot < 0) return cell[df_family_cell_corner(sample)];
-    if (c->values) return c->values[slot];
-    const int q = c->residuals16 ? (int)c->residuals16[slot] - 32768 : (int)c->residuals8[slot] - 128;
-    return df_family_predict(cell, sample) + (float)q * c->step;
+void df_adf_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
+    df_octree_corners(field, family, child, corners);
+}
+
+void df_adf_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
+    df_octree_cell_corners(field, family, cell);
 }
 
 void df_adf_child_corners(const df_field *field, uint32_t family, uint32_t child, const float cell[8],
                           float corners[8]) {
-    const coded c = coded_of(field, family);
-    float out[8];
-    for (uint32_t i = 0; i < 8; i++) out[i] = decode(&c, cell, df_family_corner(child, i));
-    memcpy(corners, out, sizeof out);
+    df_octree_child_corners(field, family, child, cell, corners);
 }
 
 void df_adf_samples(const df_field *field, uint32_t family, const float cell[8],
                     float samples[DF_FAMILY_SAMPLE_COUNT]) {
-    const coded c = coded_of(field, family);
-    for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) samples[s] = decode(&c, cell, s);
-}
-
-/* Corner `corner` of the divided cell of a family whose parents are exact: it is a sample of the parent's family, or
- * again a corner of that family's cell. */
-static float exact_corner(const df_field *field, uint32_t family, uint32_t corner) {
-    const float *exact = (const float *)field->samples;
-    while (family) {
-        const uint32_t parent = field->families[family].parent, child = parent & 7;
-        family = parent >> 3;
-        if (child == corner) continue;
-        return exact[8 + (size_t)family * DF_FAMILY_STORED_COUNT +
-                     (size_t)df_family_slot(df_family_corner(child, corner))];
-    }
-    return exact[corner];
-}
-
-void df_adf_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
-    uint32_t path[DF_LEVEL_COUNT_MAX], depth = 0; /* from the family up to the first whose parents are exact */
-    path[depth++] = family;
-    while (family && (family = field->families[family].parent >> 3) >= field->exact_count) path[depth++] = family;
-    for (uint32_t c = 0; c < 8; c++) cell[c] = exact_corner(field, path[depth - 1], c);
-    while (--depth) df_adf_child_corners(field, path[depth], field->families[path[depth - 1]].parent & 7, cell, cell);
-}
-
-void df_adf_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
-    float cell[8];
-    if (family < field->exact_count)
-        cell[child] = exact_corner(field, family, child); /* the only one that is looked at */
-    else df_adf_cell_corners(field, family, cell);
-    df_adf_child_corners(field, family, child, cell, corners);
-}
-
-void df_adf_find(const df_field *field, const double grid[3], uint32_t level_limit, df_adf_cell *cell) {
-    assert(field->kind == DF_FIELD_ADF && level_limit >= 1);
-    *cell = (df_adf_cell){.side = 1u << field->level_count};
-    for (uint32_t level = 1;; level++) {
-        cell->side /= 2;
-        cell->child = 0;
-        for (int a = 0; a < 3; a++) {
-            bool upper = grid[a] >= cell->corner[a] + cell->side;
-            cell->child |= (uint32_t)upper << a;
-            cell->corner[a] += upper ? cell->side : 0;
-        }
-        cell->state = df_family_state(&field->families[cell->family], cell->child);
-        if (cell->state != DF_CHILD_FAMILY || level == level_limit) return;
-        cell->family = df_family_child(&field->families[cell->family], cell->child);
-    }
+    const df_coded coded = df_octree_coded(field, family);
+    for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) samples[s] = df_coded_sample(&coded, cell, s);
 }
 
 df_child_state df_leaf_state(const float corners[8]) {

@@ -1,5 +1,5 @@
 /*
- * The octree of an adaptively sampled distance field (ADF), and how its samples are coded.
+ * The octree of an adaptively sampled distance field (ADF), and how its samples are coded. C and OpenCL C.
  *
  * The root cell is the cube of 2^level_count voxels at grid position (0,0,0); the field's box clips it. Cells are
  * stored by families: the 8 children of one parent, child c at half side * (c & 1, c >> 1 & 1, c >> 2) of it. Family 0
@@ -15,8 +15,7 @@
 #ifndef DF_OCTREE_H
 #define DF_OCTREE_H
 
-#include <stddef.h>
-#include <stdint.h>
+#include "common/dialect.h"
 
 typedef struct df_family {
     uint32_t first_child; /* the number of the first child family; 0 when there is none */
@@ -35,6 +34,15 @@ typedef enum df_child_state {
 #define DF_FAMILY_STORED_COUNT 19u
 #define DF_LEVEL_COUNT_MAX 16u
 
+/* A cell of the octree. */
+typedef struct df_adf_cell {
+    uint32_t corner[3]; /* lower corner, voxels */
+    uint32_t side;      /* voxels */
+    uint32_t family;    /* the family that holds its samples, and its number there */
+    uint32_t child;
+    df_child_state state;
+} df_adf_cell;
+
 static inline df_child_state df_family_state(const df_family *family, uint32_t child) {
     return (df_child_state)(family->states >> 2 * child & 3);
 }
@@ -42,11 +50,11 @@ static inline df_child_state df_family_state(const df_family *family, uint32_t c
 /* The number of the family that child `child`, which is divided, has become. */
 static inline uint32_t df_family_child(const df_family *family, uint32_t child) {
     const uint32_t divided = family->states & family->states >> 1 & 0x5555; /* one bit a child */
-    return family->first_child + (uint32_t)__builtin_popcount(divided & ((1u << 2 * child) - 1));
+    return family->first_child + df_bit_count(divided & ((1u << 2 * child) - 1));
 }
 
 static inline uint32_t df_family_divided_count(const df_family *family) {
-    return (uint32_t)__builtin_popcount(family->states & family->states >> 1 & 0x5555);
+    return df_bit_count(family->states & family->states >> 1 & 0x5555);
 }
 
 /* Which of a family's 27 samples is corner `corner` of child `child`. */
@@ -56,8 +64,8 @@ static inline uint32_t df_family_corner(uint32_t child, uint32_t corner) {
 
 /* Where a sample stands among the 19 that are stored; -1 for the parent's corners. */
 static inline int df_family_slot(uint32_t sample) {
-    static const int8_t slots[DF_FAMILY_SAMPLE_COUNT] = {-1, 0,  -1, 1,  2,  3,  -1, 4,  -1, 5,  6,  7,  8, 9,
-                                                         10, 11, 12, 13, -1, 14, -1, 15, 16, 17, -1, 18, -1};
+    DF_TABLE int8_t slots[DF_FAMILY_SAMPLE_COUNT] = {-1, 0,  -1, 1,  2,  3,  -1, 4,  -1, 5,  6,  7,  8, 9,
+                                                     10, 11, 12, 13, -1, 14, -1, 15, 16, 17, -1, 18, -1};
     return slots[sample];
 }
 

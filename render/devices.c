@@ -95,14 +95,14 @@ static df_status open_cpu(df_devices *d, device_part *part, df_error *err) {
 
 /* How an OpenCL device finds hits: by the tracer that was asked for by name, or by its own. */
 static df_status choose_tracer(const df_devices *d, df_opencl_tracer *tracer, df_error *err) {
-    int number = DF_OPENCL_DDA;
+    int number = d->scene->levels ? DF_OPENCL_DDA : DF_OPENCL_ADF;
     if (d->options.tracer_given) {
         const char *name = d->frame.tracer->name;
         for (number = 0; number < DF_OPENCL_TRACER_COUNT; number++) {
             if (strcmp(name, df_opencl_tracer_names[number]) == 0) break;
         }
         if (number == DF_OPENCL_TRACER_COUNT)
-            return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda and cgt", name);
+            return df_fail(err, DF_ERROR_USAGE, "--tracer %s is the CPU's: OpenCL devices have dda, cgt and adf", name);
     }
     *tracer = (df_opencl_tracer)number;
     return DF_OK;

@@ -105,7 +105,8 @@ static const struct argp_option option_table[] = {
      "lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "
      "default "
-     "auto: the fastest that suits the field and the view. OpenCL devices have dda (auto), and cgt, whose packets are "
+     "auto: the fastest that suits the field and the view. OpenCL devices have dda and adf (auto), and cgt, whose "
+     "packets are "
      "their work groups",
      0},
     {"intersect", KEY_SETTING + 8, "NAME", 0,

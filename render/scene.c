@@ -2,6 +2,7 @@
 #include "common/memory.h"
 #include "common/progress.h"
 #include "render/methods/gradient.h"
+#include "render/methods/leaf.h"
 
 #include <assert.h>
 #include <math.h>
@@ -142,63 +143,9 @@ void df_scene_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t b
     }
 }
 
-/* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
-static bool leaf_sample(const df_field *field, const int64_t at[3], float *value) {
-    double grid[3], local[3];
-    df_adf_cell cell;
-    float corners[8];
-    for (int a = 0; a < 3; a++) {
-        if (at[a] < 0 || at[a] > (int64_t)1 << field->level_count) return false;
-        grid[a] = (double)at[a];
-    }
-    df_adf_find(field, grid, DF_LEVEL_COUNT_MAX, &cell);
-    df_adf_corners(field, cell.family, cell.child, corners);
-    for (int a = 0; a < 3; a++) local[a] = (grid[a] - cell.corner[a]) / cell.side;
-    *value = (float)df_trilinear(corners, local);
-    return true;
-}
-
 void df_scene_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
                            int reach, float *stencil, size_t step) {
-    const df_field *field = scene->field;
-    const int stride[3] = {1, 4, 16};
-    const int64_t size = (int64_t)1 << size_log2;
-    const uint32_t child = block & 7;
-    float corners[8];
-    df_adf_corners(field, block >> 3, child, corners);
-    for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
-    for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++) {
-        const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
-        float sibling[8]; /* the neighbour within the family, when it is on that side */
-        const bool within = (child >> axis & 1) != (uint32_t)after;
-        if (within) df_adf_corners(field, block >> 3, child ^ 1u << axis, sibling);
-        for (int i = 0; i < 4; i++) {
-            const int at = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1) * stride[v];
-            float *out = &stencil[(size_t)(at + (after ? 2 : -1) * stride[axis]) * step];
-            if (within) {
-                *out = sibling[(i & 1) << u | (i >> 1) << v | after << axis];
-                continue;
-            }
-            int64_t place[3];
-            place[axis] = (int64_t)corner[axis] + (after ? 2 * size : -size);
-            place[u] = (int64_t)corner[u] + (i & 1) * size;
-            place[v] = (int64_t)corner[v] + (i >> 1) * size;
-            if (leaf_sample(field, place, out)) continue;
-            const float near = stencil[(size_t)(at + (after ? stride[axis] : 0)) * step];
-            const float next = stencil[(size_t)(at + (after ? 0 : stride[axis])) * step];
-            *out = (near + near) - next;
-        }
-    }
-    for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
-        for (int i = 0; i < 64; i++) {
-            const int at[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
-            int64_t place[3];
-            if (df_stencil_outside(at) != outside) continue;
-            for (int a = 0; a < 3; a++) place[a] = (int64_t)corner[a] + at[a] * size;
-            if (!leaf_sample(field, place, &stencil[(size_t)i * step]))
-                stencil[(size_t)i * step] = df_stencil_extend(stencil, step, at);
-        }
-    }
+    df_leaf_stencil(scene->field, corner, block, size_log2, reach, stencil, step);
 }
 
 /* ---- masks ---- */

@@ -1,5 +1,5 @@
-/* OpenCL against the scalar tracer. With --full: every structure, sample type, solve and gradient; otherwise pairs of
- * them. */
+/* OpenCL against the scalar tracers. With --full: every tracer, structure, sample type, solve and gradient with every
+ * other; otherwise every pair of them. */
 #include "common/memory.h"
 #include "fields.h"
 #include "render/devices.h"
@@ -56,6 +56,44 @@ static void quantise(df_field *field, df_sample_type type) {
     }
 }
 
+/* Codes all but the first families of an octree as residuals. */
+static void quantise_octree(df_field *field, df_sample_type type) {
+    const int exponent = type == DF_SAMPLE_U16 ? -12 : -5, half = type == DF_SAMPLE_U16 ? 32768 : 128;
+    const uint32_t exact = 9 < field->family_count ? 9 : field->family_count, coded = field->family_count - exact;
+    const size_t floats = 8 + exact * DF_FAMILY_STORED_COUNT;
+    float(*wanted)[DF_FAMILY_SAMPLE_COUNT] = malloc(field->family_count * sizeof *wanted), cell[8];
+    uint8_t *samples = calloc(floats + coded * DF_FAMILY_STORED_COUNT, sizeof(float));
+    int8_t *exponents = malloc(coded);
+    df_error err;
+    assert_true(wanted && samples && exponents);
+    for (uint32_t f = 0; f < field->family_count; f++) {
+        df_adf_cell_corners(field, f, cell);
+        df_adf_samples(field, f, cell, wanted[f]);
+    }
+    memcpy(samples, field->samples, floats * sizeof(float));
+    memset(exponents, exponent, coded);
+    df_field_own(field, samples);
+    df_field_own(field, exponents);
+    field->samples = samples;
+    field->brick_exponents = exponents;
+    field->sample_type = type;
+    field->exact_count = exact;
+    for (uint32_t f = exact; f < field->family_count; f++) {
+        df_adf_cell_corners(field, f, cell);
+        for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) {
+            const int slot = df_family_slot(s);
+            if (slot < 0) continue;
+            const size_t at = (size_t)(f - exact) * DF_FAMILY_STORED_COUNT + (size_t)slot;
+            long q = lrintf((wanted[f][s] - df_family_predict(cell, s)) / df_power_of_two(exponent)) + half;
+            q = q < 1 ? 1 : q > 2 * half - 1 ? 2 * half - 1 : q;
+            if (type == DF_SAMPLE_U16) ((uint16_t *)(samples + floats * sizeof(float)))[at] = (uint16_t)q;
+            else samples[floats * sizeof(float) + at] = (uint8_t)q;
+        }
+    }
+    free(wanted);
+    assert_int_equal(df_field_finish(field, "octree", &err), DF_OK);
+}
+
 /* A structure that a field can be walked in. */
 typedef struct structure {
     df_field_kind kind;
@@ -64,7 +102,7 @@ typedef struct structure {
 } structure;
 static const structure structures[] = {
     {DF_FIELD_DENSE, 0, {1, 0}},  {DF_FIELD_DENSE, 0, {2, 8}},  {DF_FIELD_DENSE, 0, {2, 4}},
-    {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_BRICKS, 4, {0, 0}},
+    {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_BRICKS, 4, {0, 0}}, {DF_FIELD_ADF, 0, {0, 0}},
 };
 enum { STRUCTURE_COUNT = sizeof structures / sizeof structures[0] };
 
@@ -74,7 +112,8 @@ static void make_scene(const structure *form, df_sample_type type, float iso, df
     df_error err;
     memset(field, 0, sizeof *field);
     assert_int_equal(test_field_from_function(field, form->kind, form->brick_size, count, lumps, &n, &err), DF_OK);
-    if (type != DF_SAMPLE_F32) quantise(field, type);
+    if (type != DF_SAMPLE_F32 && form->kind == DF_FIELD_ADF) quantise_octree(field, type);
+    else if (type != DF_SAMPLE_F32) quantise(field, type);
     assert_int_equal(df_scene_prepare(field, iso, &form->scene, scene, &err), DF_OK);
 }
 
@@ -109,10 +148,14 @@ static void make_view(const df_field *field, double azimuth, double elevation, d
     assert_int_equal(df_view_make(&camera, field, width, height, view, &err), DF_OK);
 }
 
+static const df_tracer *scalar_tracer(const df_scene *scene) { return scene->levels ? &df_tracer_dda : &df_tracer_adf; }
+
+static df_opencl_tracer plain_tracer(const df_scene *scene) { return scene->levels ? DF_OPENCL_DDA : DF_OPENCL_ADF; }
+
 static void scalar_picture(const df_scene *scene, int solve, int gradient, const df_view *view, df_picture *picture,
                            df_frame_stats *stats) {
     const df_frame_options options = {
-        .tracer = &df_tracer_dda, .solve = solve, .gradient = gradient, .tile = 64, .threads = 2};
+        .tracer = scalar_tracer(scene), .solve = solve, .gradient = gradient, .tile = 64, .threads = 2};
     df_renderer *renderer;
     df_error err;
     assert_int_equal(df_renderer_open(scene, &options, view->width, view->height, &renderer, &err), DF_OK);
@@ -141,18 +184,16 @@ static void compare(const df_picture *expected, const df_picture *got, int solve
     }
 }
 
-/* The scalar picture and the device's are the same bytes, whatever its tracer; for the closed form, whose functions are
- * the device's own, within 1e-5. */
-static void compare_pictures(const df_scene *scene, int solve, int gradient, const df_view *view) {
+/* The scalar picture and the device's are the same bytes, by its plain tracer and by packets; for the closed form,
+ * whose functions are the device's own, within 1e-5. */
+static void compare_pictures(const df_scene *scene, int solve, int gradient, const df_view *view, bool packets) {
     df_picture expected = {0}, got = {0};
     df_error err;
     alloc_picture(view, &expected);
     alloc_picture(view, &got);
     scalar_picture(scene, solve, gradient, view, &expected, NULL);
-    for (df_opencl_tracer tracer = DF_OPENCL_DDA; tracer < DF_OPENCL_TRACER_COUNT; tracer++) {
-        if (!full && tracer == DF_OPENCL_CGT && scene->field->sample_type != DF_SAMPLE_F32)
-            continue; /* kernels take seconds to build */
-        df_opencl_renderer *renderer = open_renderer(scene, tracer, solve, gradient);
+    for (int way = 0; way < (packets && scene->levels ? 2 : 1); way++) {
+        df_opencl_renderer *renderer = open_renderer(scene, way ? DF_OPENCL_CGT : plain_tracer(scene), solve, gradient);
         memset(got.rgb, 1, 3u * view->width * view->height);
         assert_int_equal(df_opencl_renderer_rows(renderer, view, 0, view->height, &got, NULL, &err), DF_OK);
         compare(&expected, &got, solve);
@@ -162,24 +203,54 @@ static void compare_pictures(const df_scene *scene, int solve, int gradient, con
     free_picture(&got);
 }
 
+/* What a comparison combines, and the pairs of them that were seen. */
+enum { BY_STRUCTURE, BY_TYPE, BY_SOLVE, BY_GRADIENT, BY_TRACER, KIND_COUNT };
+static bool seen[KIND_COUNT][KIND_COUNT][8][8];
+
+static void note_pairs(const int choice[KIND_COUNT]) {
+    for (int a = 0; a < KIND_COUNT; a++) {
+        for (int b = 0; b < KIND_COUNT; b++) seen[a][b][choice[a]][choice[b]] = true;
+    }
+}
+
+/* One field, all the combinations that are wanted of it. */
+static void compare_structure(int s, df_sample_type type) {
+    df_field field;
+    df_scene scene;
+    df_view view;
+    make_scene(&structures[s], type, 0, &field, &scene);
+    make_view(&field, 30 * s, 20, 1.3, 93, 71, &view);
+    for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
+        for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
+            const bool wanted =
+                (solve + gradient) % STRUCTURE_COUNT == s && (solve / 2 + gradient) % 3 == (int)type - DF_SAMPLE_F32;
+            const bool packets = full || (s + (int)type) % 2 == 0; /* kernels take seconds to build */
+            if (!full && !wanted) continue;
+            compare_pictures(&scene, solve, gradient, &view, packets);
+            note_pairs((const int[]){s, (int)type - DF_SAMPLE_F32, solve, gradient, 0});
+            if (packets && scene.levels) note_pairs((const int[]){s, (int)type - DF_SAMPLE_F32, solve, gradient, 1});
+        }
+    }
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 static void pictures_are_those_of_the_scalar_tracer(void **state) {
     (void)state;
+    const int counts[KIND_COUNT] = {STRUCTURE_COUNT, 3, DF_SOLVE_COUNT, DF_GRADIENT_COUNT, 2};
     for (int s = 0; s < STRUCTURE_COUNT; s++) {
-        for (df_sample_type type = DF_SAMPLE_F32; type <= DF_SAMPLE_U8; type++) {
-            df_field field;
-            df_scene scene;
-            df_view view;
-            if (!full && type != DF_SAMPLE_F32 && s % 2 != (int)type % 2) continue;
-            make_scene(&structures[s], type, 0, &field, &scene);
-            make_view(&field, 30 * s, 20, 1.3, 93, 71, &view);
-            for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
-                for (int gradient = 0; gradient < DF_GRADIENT_COUNT; gradient++) {
-                    if (full || gradient == (solve + s + (int)type) % DF_GRADIENT_COUNT)
-                        compare_pictures(&scene, solve, gradient, &view);
+        for (df_sample_type type = DF_SAMPLE_F32; type <= DF_SAMPLE_U8; type++) compare_structure(s, type);
+    }
+    for (int a = 0; a < KIND_COUNT; a++) {
+        for (int b = 0; b < KIND_COUNT; b++) {
+            for (int i = 0; i < counts[a]; i++) {
+                for (int j = 0; j < counts[b] && a != b; j++) {
+                    const bool octree_of_packets = (a == BY_STRUCTURE && b == BY_TRACER && i == 5 && j == 1) ||
+                                                   (b == BY_STRUCTURE && a == BY_TRACER && j == 5 && i == 1);
+                    if (!octree_of_packets && !seen[a][b][i][j])
+                        fail_msg("kind %d choice %d was never seen with kind %d choice %d", a, i, b, j);
                 }
             }
-            df_scene_free(&scene);
-            df_field_free(&field);
         }
     }
 }
@@ -187,7 +258,7 @@ static void pictures_are_those_of_the_scalar_tracer(void **state) {
 static void cameras_inside_far_away_and_along_the_axes_see_the_same(void **state) {
     (void)state;
     const double orbits[][3] = {{30, 20, 0.1}, {30, 20, 500}, {0, 0, 2}, {90, 0, 2}, {10, 90, 3}, {200, -40, 0.45}};
-    const int forms[] = {1, 3};
+    const int forms[] = {1, 3, 5};
     for (size_t f = 0; f < sizeof forms / sizeof forms[0]; f++) {
         df_field field;
         df_scene scene;
@@ -195,7 +266,7 @@ static void cameras_inside_far_away_and_along_the_axes_see_the_same(void **state
         for (size_t i = 0; i < sizeof orbits / sizeof orbits[0]; i++) {
             df_view view;
             make_view(&field, orbits[i][0], orbits[i][1], orbits[i][2], 64, 48, &view);
-            compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, &view);
+            compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CORNER_CENTRAL, &view, true);
         }
         df_scene_free(&scene);
         df_field_free(&field);
@@ -272,7 +343,7 @@ static void iso_and_voxel_shapes_go_to_the_device(void **state) {
     field.voxel_size[2] = 4;
     assert_int_equal(df_scene_prepare(&field, 0.25f, &structures[1].scene, &scene, &err), DF_OK);
     make_view(&field, 50, 30, 1.2, 100, 60, &view);
-    compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view);
+    compare_pictures(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, true);
     df_scene_free(&scene);
     df_field_free(&field);
 }
@@ -329,10 +400,11 @@ static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
         make_scene(&structures[s], DF_SAMPLE_F32, 0, &field, &scene);
         const double box[3] = {scene.voxel_count[0], scene.voxel_count[1], scene.voxel_count[2]};
         test_random_rays(COUNT, 77 + (uint64_t)s, box, origins, directions);
-        assert_int_equal(
-            test_trace(&df_tracer_dda, &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT, &rays, expected, &err),
-            DF_OK);
-        df_opencl_renderer *renderer = open_renderer(&scene, DF_OPENCL_DDA, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
+        assert_int_equal(test_trace(scalar_tracer(&scene), &scene, DF_SOLVE_ROBUST, 0, origins, directions, COUNT,
+                                    &rays, expected, &err),
+                         DF_OK);
+        df_opencl_renderer *renderer =
+            open_renderer(&scene, plain_tracer(&scene), DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);
         assert_int_equal(df_hits_alloc(COUNT, &hits, &err), DF_OK);
         assert_int_equal(df_opencl_renderer_trace(renderer, &rays, &hits, NULL, &err), DF_OK);
         uint32_t h = 0;

@@ -1,5 +1,5 @@
 /*
- * The walk of a ray through an octree (ADF), leaf by leaf, from front to back. C only.
+ * The walk of a ray through an octree (ADF), leaf by leaf, from front to back. C only, and OpenCL C.
  *
  * It is the walk of dda.h with cells of different sizes: the ray's voxel is kept on the finest level, by the same
  * rules, and the leaf around it is found from the family where the paths of the old and the new voxel part. Leaves of
@@ -9,9 +9,8 @@
 #ifndef DF_ADF_H
 #define DF_ADF_H
 
+#include "common/octree_samples.h"
 #include "render/methods/dda.h"
-
-#include <string.h>
 
 typedef struct adf_walk {
     uint32_t voxel[3];                    /* on the finest level */
@@ -32,24 +31,24 @@ static inline uint32_t adf_child(const df_field *field, const adf_walk *w, uint3
 /* Goes down from path[depth] to the leaf around the voxel. */
 static inline void adf_descend(const df_field *field, adf_walk *w) {
     for (;;) {
-        const df_family *family = &field->families[w->path[w->depth]];
+        const df_family family = field->families[w->path[w->depth]];
         w->child = adf_child(field, w, w->depth);
-        w->state = df_family_state(family, w->child);
+        w->state = df_family_state(&family, w->child);
         if (w->state != DF_CHILD_FAMILY) break;
-        w->path[++w->depth] = df_family_child(family, w->child);
+        w->path[++w->depth] = df_family_child(&family, w->child);
     }
     w->size_log2 = field->level_count - 1 - w->depth;
     for (int a = 0; a < 3; a++) w->corner[a] = w->voxel[a] >> w->size_log2 << w->size_log2;
 }
 
-/* The corner values of the leaf, decoded along the path: df_adf_corners for less. */
+/* The corner values of the leaf, decoded along the path: df_octree_corners for less. */
 static inline void adf_leaf_corners(const df_field *field, adf_walk *w, float corners[8]) {
     for (; w->cells_known <= w->depth; w->cells_known++) {
         const uint32_t parent = w->cells_known - 1;
-        df_adf_child_corners(field, w->path[parent], adf_child(field, w, parent), w->cells[parent],
-                             w->cells[parent + 1]);
+        df_octree_child_corners(field, w->path[parent], adf_child(field, w, parent), w->cells[parent],
+                                w->cells[parent + 1]);
     }
-    df_adf_child_corners(field, w->path[w->depth], w->child, w->cells[w->depth], corners);
+    df_octree_child_corners(field, w->path[w->depth], w->child, w->cells[w->depth], corners);
 }
 
 /* Moves to the voxel after the event at which the ray leaves the leaf; false at the end of the root cube. */
@@ -78,7 +77,7 @@ static inline bool adf_step(const df_field *field, const dda_ray *ray, adf_walk 
     }
     *at = out;
     /* The family of the highest level on which the path changes. */
-    const uint32_t highest = 31 - (uint32_t)__builtin_clz(changed), depth = field->level_count - 1 - highest;
+    const uint32_t highest = 31 - df_leading_zeros(changed), depth = field->level_count - 1 - highest;
     if (depth < w->depth) w->depth = depth;
     if (w->cells_known > w->depth + 1) w->cells_known = w->depth + 1;
     adf_descend(field, w);
@@ -146,7 +145,7 @@ static inline bool adf_walk_scene(const df_scene *scene, bool isolate, const dda
         w.voxel[a] = (uint32_t)(a == at.axis ? first : dda_cell_after(&box, ray, a, upward, at));
     }
     w.path[0] = w.depth = 0;
-    memcpy(w.cells[0], field->samples, sizeof w.cells[0]);
+    for (int c = 0; c < 8; c++) w.cells[0][c] = ((const DF_GLOBAL float *)field->samples)[c];
     w.cells_known = 1;
     adf_descend(field, &w);
     do {

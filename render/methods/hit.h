@@ -24,10 +24,11 @@ static inline double df_solve_analytic(const double bernstein[4], int inside) {
     return df_solve_f64(DF_SOLVE_MARMITT, 0, bernstein, inside, 0);
 }
 
-/* Solves the voxel for a ray. stored: the corners minus iso, as the walk saw them; inside: the side at the entry;
- * steps: as df_solve_steps gives them. Sets the hit's position in the cell and returns its t. */
+/* Solves a cell with edges of `size` voxels for a ray. stored: the corners minus iso, as the walk saw them; inside: the
+ * side at the entry; steps: as df_solve_steps gives them. Sets the hit's position in the cell and returns its t. */
 static inline double df_hit_solve(int solve, int steps, const float ray_origin[3], const float ray_direction[3],
-                                  const uint32_t voxel[3], const float stored[8], int inside, float within[3]) {
+                                  const uint32_t voxel[3], float size, const float stored[8], int inside,
+                                  float within[3]) {
     double origin[3], direction[3], inverse[3], cell[3], corner[8], bern[4];
     for (int a = 0; a < 3; a++) {
         origin[a] = (double)ray_origin[a];
@@ -37,7 +38,7 @@ static inline double df_hit_solve(int solve, int steps, const float ray_origin[3
     }
     for (int k = 0; k < 8; k++) corner[k] = (double)stored[k];
     df_segment_f64 segment;
-    df_cell_segment_f64(origin, direction, inverse, 0, cell, 1, &segment);
+    df_cell_segment_f64(origin, direction, inverse, 0, cell, (double)size, &segment);
     df_bernstein_f64(corner, segment.a, segment.b, bern);
     double s = solve == DF_SOLVE_ANALYTIC ? df_solve_analytic(bern, inside)
                                           : df_solve_f64(solve, steps, bern, inside, DF_SOLVE_TOLERANCE);

@@ -19,7 +19,7 @@
 #ifndef DF_LANE_H
 #define DF_LANE_H
 
-#include "render/methods/dialect.h"
+#include "common/dialect.h"
 
 #ifndef DF_LANES
 #define DF_LANES 1

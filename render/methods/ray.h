@@ -5,7 +5,7 @@
 #ifndef DF_RAY_H
 #define DF_RAY_H
 
-#include "render/methods/dialect.h"
+#include "common/dialect.h"
 
 /* A camera in the grid of a field, for an image of width x height pixels. Only doubles and 32-bit numbers: a device
  * gets it as it is. */

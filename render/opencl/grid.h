@@ -5,18 +5,20 @@
 #ifndef DF_GRID_H
 #define DF_GRID_H
 
-#include "render/methods/dialect.h"
+#include "common/dialect.h"
 
 typedef struct df_grid {
     uint32_t voxel_count[3], coarse_count[3];
-    uint32_t row_words;    /* of the uniform walk */
-    int32_t step_exponent; /* of dense u16 and u8 samples */
+    uint32_t row_words;                /* of the uniform walk */
+    int32_t step_exponent;             /* of dense u16 and u8 samples */
+    uint32_t level_count, exact_count; /* of an octree */
     float iso;
 } df_grid;
-typedef char df_grid_has_the_same_size_everywhere[sizeof(df_grid) == 36 ? 1 : -1];
+typedef char df_grid_has_the_same_size_everywhere[sizeof(df_grid) == 44 ? 1 : -1];
 
 /* What the trace kernels leave for each ray: found 0 where nothing is hit, else DF_FOUND with DF_HIT_BACK's bit shifted
- * by 1; and the candidate in 4 words, written only where something is found: cell x + 65536 y, cell z, block, 0. */
+ * by 1; and the candidate in 4 words, written only where something is found: cell x + 65536 y, cell z, block, logarithm
+ * of the cell's size. */
 #define DF_FOUND 1u
 #define DF_FOUND_BACK 2u
 

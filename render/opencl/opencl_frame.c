@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-const char *const df_opencl_tracer_names[] = {"dda", "cgt", NULL};
+const char *const df_opencl_tracer_names[] = {"dda", "cgt", "adf", NULL};
 
 /* Floats of local memory that df_cgt_view wants for each work item: DF_CGT_VALUES of opencl/cgt.cl. */
 #define CGT_VALUES 9
@@ -53,8 +53,16 @@ typedef struct scene_array {
 static void scene_arrays(const df_scene *scene, scene_array arrays[SCENE_ARRAYS]) {
     const df_field *field = scene->field;
     const uint32_t *coarse = scene->coarse_count, *voxels = scene->voxel_count;
-    const bool uniform = scene->levels == 1;
+    const bool uniform = scene->levels == 1, octree = scene->levels == 0;
     memset(arrays, 0, SCENE_ARRAYS * sizeof *arrays);
+    if (octree) {
+        const uint32_t coded = field->family_count - field->exact_count;
+        arrays[SCENE_SAMPLES] = (scene_array){"samples", field->samples, df_adf_sample_bytes(field)};
+        arrays[SCENE_EXPONENTS] = (scene_array){"exponents", field->brick_exponents, coded};
+        arrays[SCENE_COARSE] =
+            (scene_array){"octree", field->families, (uint64_t)field->family_count * sizeof *field->families};
+        return;
+    }
     arrays[SCENE_SAMPLES] =
         (scene_array){"samples", field->samples, field->sample_count * df_sample_size(field->sample_type)};
     arrays[SCENE_EXPONENTS] =
@@ -81,7 +89,7 @@ df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_
     }
     if (largest <= allocation_max && all <= memory_size) return DF_OK;
     const uint64_t brick_samples = (uint64_t)scene->block_count * df_brick_sample_count(scene->k);
-    for (int bricks = 0; bricks < 2; bricks++) {
+    for (int bricks = 0; bricks < 2 && scene->levels > 0; bricks++) {
         if (bricks != (field->kind == DF_FIELD_BRICKS) && (!bricks || scene->levels == 1))
             continue; /* not known here */
         for (int t = 0; t < 3; t++) {
@@ -100,7 +108,11 @@ df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_
 }
 
 static df_grid make_grid(const df_scene *scene) {
-    df_grid grid = {.row_words = scene->row_words, .step_exponent = scene->field->step_exponent, .iso = scene->iso};
+    df_grid grid = {.row_words = scene->row_words,
+                    .step_exponent = scene->field->step_exponent,
+                    .level_count = scene->field->level_count,
+                    .exact_count = scene->field->exact_count,
+                    .iso = scene->iso};
     memcpy(grid.voxel_count, scene->voxel_count, sizeof grid.voxel_count);
     memcpy(grid.coarse_count, scene->coarse_count, sizeof grid.coarse_count);
     return grid;
@@ -244,6 +256,7 @@ static df_status choose_group(df_opencl_renderer *r, df_error *err) {
     size_t most = r->device.info.group_max;
     for (int i = 0; i < KERNEL_COUNT; i++) {
         size_t of_kernel;
+        if (!r->kernels[i]) continue;
         DF_CL(&r->device, GetKernelWorkGroupInfo, r->kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE,
               sizeof of_kernel, &of_kernel, NULL);
         if (of_kernel < most) most = of_kernel;
@@ -268,6 +281,7 @@ static df_status open_kernels(df_opencl_renderer *r, df_error *err) {
     const kernel_argument arguments[SCENE_ARGUMENTS] = {ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]),
                                                         ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
     for (int i = 0; i < KERNEL_COUNT && status == DF_OK; i++) {
+        if (i == KERNEL_CGT_VIEW && r->options.tracer != DF_OPENCL_CGT) continue;
         status = df_opencl_kernel(&r->device, kernel_names[i], &r->kernels[i], err);
         if (status == DF_OK) status = set_arguments(r, r->kernels[i], 0, arguments, SCENE_ARGUMENTS, err);
     }
@@ -278,8 +292,9 @@ df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *sc
                                   df_opencl_renderer **out, df_error *err) {
     df_opencl_renderer *r;
     *out = NULL;
-    if (scene->field->kind == DF_FIELD_ADF)
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "--device: there is no OpenCL kernel for ADF fields");
+    if ((scene->levels == 0) != (options->tracer == DF_OPENCL_ADF))
+        return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this field (%s): choose auto",
+                       df_opencl_tracer_names[options->tracer], df_field_kind_name(scene->field->kind));
     df_status status = df_alloc((void **)&r, 1, sizeof *r, "renderer", err);
     if (status != DF_OK) return status;
     r->scene = scene;
@@ -485,7 +500,8 @@ static void append_hits(const df_rays *rays, const ray_results *results, df_hits
         const uint32_t *candidate = results->candidates + 4ull * i, n = hits->count++;
         hits->ray[n] = i;
         hits->block[n] = candidate[2];
-        hits->flags[n] = results->found[i] & DF_FOUND_BACK ? DF_HIT_BACK : 0;
+        hits->flags[n] =
+            (uint8_t)((results->found[i] & DF_FOUND_BACK ? DF_HIT_BACK : 0) | candidate[3] << DF_HIT_SIZE_SHIFT);
         hits->cell[0][n] = (uint16_t)(candidate[0] & 0xFFFF);
         hits->cell[1][n] = (uint16_t)(candidate[0] >> 16);
         hits->cell[2][n] = (uint16_t)candidate[1];

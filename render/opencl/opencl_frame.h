@@ -17,9 +17,10 @@
 typedef enum df_opencl_tracer {
     DF_OPENCL_DDA = 0, /* each ray walks alone */
     DF_OPENCL_CGT,     /* a work group is a packet of rays that visits the grid slice by slice */
+    DF_OPENCL_ADF,     /* the leaves of an octree, each ray alone: the only way for octrees, and for nothing else */
     DF_OPENCL_TRACER_COUNT
 } df_opencl_tracer;
-extern const char *const df_opencl_tracer_names[]; /* "dda", "cgt", NULL */
+extern const char *const df_opencl_tracer_names[]; /* "dda", "cgt", "adf", NULL */
 
 typedef struct df_opencl_options {
     df_opencl_tracer tracer;
@@ -39,8 +40,8 @@ typedef struct df_opencl_times {
 typedef struct df_opencl_renderer df_opencl_renderer;
 
 /* Opens the device, builds the kernels for the structure of the scene, which must outlive the renderer, and uploads it.
- * DF_ERROR_UNSUPPORTED for a structure without a kernel (ADF), DF_ERROR_MEMORY for a field that does not fit: the
- * message names what would. */
+ * DF_ERROR_USAGE for a tracer that is not for the structure, DF_ERROR_MEMORY for a field that does not fit: the message
+ * names what would. */
 df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *scene, const df_opencl_options *options,
                                   df_opencl_renderer **out, df_error *err);
 void df_opencl_renderer_close(df_opencl_renderer *renderer);

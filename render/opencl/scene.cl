@@ -2,15 +2,18 @@
  * A field in the memory of a device: what the texts shared with the CPU expect of tracer.h and scene.h. The functions here do what
  * those of the same name in scene.c do.
  */
-#include "render/methods/dialect.h"
+#include "common/dialect.h"
 #include "render/opencl/grid.h"
 #include "render/methods/gradient.h"
+
+#include "common/octree.h"
 
 #define DF_KIND_BRICKS 2 /* df_field_kind and df_sample_type of common/field.h */
 #define DF_SAMPLE_F32 1
 #define DF_SAMPLE_U16 2
 #define DF_CELL_INSIDE 0xFFFFFFFEu
-#define DF_HIT_BACK 1u
+#define DF_HIT_BACK 1u /* tracer.h */
+#define DF_HIT_SIZE_SHIFT 4
 
 #if DF_SAMPLE == DF_SAMPLE_F32
 typedef float df_sample;
@@ -22,7 +25,17 @@ typedef uchar df_sample;
 #define DF_SAMPLE_ZERO 128
 #endif
 
+/* Of an octree only. */
+typedef struct df_field {
+    int sample_type;
+    uint32_t level_count, exact_count;
+    __global const void *samples;
+    __global const char *brick_exponents;
+    __global const df_family *families;
+} df_field;
+
 typedef struct df_scene {
+    df_field field[1];
     uint32_t voxel_count[3], coarse_count[3];
     uint32_t levels, k, k_shift, row_words;
     int32_t step_exponent;
@@ -33,7 +46,7 @@ typedef struct df_scene {
     __global const uint64_t *masks, *rows;
 } df_scene;
 
-/* The arguments with which every kernel that looks at a field begins. masks: of blocks, or of rows where DF_LEVELS is 1. */
+/* The arguments with which every kernel that looks at a field begins. coarse: cells, or the families of an octree; masks: of blocks, or of rows where DF_LEVELS is 1. */
 #define DF_SCENE_PARAMETERS \
     const df_grid grid, __global const df_sample *samples, __global const char *exponents, __global const uint32_t *coarse, \
         __global const uint64_t *masks
@@ -52,6 +65,12 @@ typedef struct df_counters {
 static inline df_scene df_scene_make(const df_grid *grid, __global const df_sample *samples, __global const char *exponents,
                                      __global const uint32_t *coarse, __global const uint64_t *masks) {
     df_scene scene;
+    scene.field->sample_type = DF_SAMPLE;
+    scene.field->level_count = grid->level_count;
+    scene.field->exact_count = grid->exact_count;
+    scene.field->samples = samples;
+    scene.field->brick_exponents = exponents;
+    scene.field->families = (__global const df_family *)coarse;
     for (int a = 0; a < 3; a++) {
         scene.voxel_count[a] = grid->voxel_count[a];
         scene.coarse_count[a] = grid->coarse_count[a];
@@ -70,6 +89,18 @@ static inline df_scene df_scene_make(const df_grid *grid, __global const df_samp
     return scene;
 }
 
+static inline float df_power_of_two(int exponent) {
+    return as_float((exponent + 127) << 23);
+}
+
+static inline bool df_corners_straddle(const float corners[8], float iso) {
+    int inside = 0;
+    for (int c = 0; c < 8; c++) inside += corners[c] < iso;
+    return inside > 0 && inside < 8;
+}
+
+#include "render/methods/leaf.h"
+
 static inline uint32_t df_brick_mask_words(uint32_t k) {
     return k == 8 ? 8 : 1;
 }
@@ -79,7 +110,7 @@ static inline float df_scene_decode(const df_scene *scene, uint64_t index, uint3
     return scene->samples[index];
 #else
     int exponent = DF_KIND == DF_KIND_BRICKS ? scene->exponents[block] : scene->step_exponent;
-    return (float)((int)scene->samples[index] - DF_SAMPLE_ZERO) * as_float((exponent + 127) << 23);
+    return (float)((int)scene->samples[index] - DF_SAMPLE_ZERO) * df_power_of_two(exponent);
 #endif
 }
 
@@ -91,7 +122,7 @@ static inline float df_image_decode(const df_scene *scene, __read_only image3d_t
     return read_imagef(image, nearest, (int4)(at[0], at[1], at[2], 0)).x;
 #else
     const int value = (int)read_imageui(image, nearest, (int4)(at[0], at[1], at[2], 0)).x;
-    return (float)(value - DF_SAMPLE_ZERO) * as_float((scene->step_exponent + 127) << 23);
+    return (float)(value - DF_SAMPLE_ZERO) * df_power_of_two(scene->step_exponent);
 #endif
 }
 #endif
@@ -111,10 +142,15 @@ static inline uint64_t df_scene_index(const df_scene *scene, const uint32_t voxe
 }
 
 static inline void df_scene_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8]) {
+#if DF_LEVELS == 0
+    df_octree_corners(scene->field, block >> 3, block & 7, corner);
+    for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
+#else
     uint64_t row, slice, at = df_scene_index(scene, voxel, block, &row, &slice);
     for (int c = 0; c < 8; c++) {
         corner[c] = df_scene_decode(scene, at + (c & 1) + (c & 2 ? row : 0) + (c & 4 ? slice : 0), block) - scene->iso;
     }
+#endif
 }
 
 /* Whether a voxel of the field has its corners stored, and in which block. */

@@ -3,6 +3,7 @@
  */
 #include "render/opencl/scene.cl"
 
+#include "render/methods/adf.h"
 #include "render/methods/dda.h"
 #include "render/methods/hit.h"
 #include "render/methods/ray.h"
@@ -13,7 +14,7 @@
 /* What a ray has found, at index i of the arrays that grid.h describes. */
 static inline void df_store_found(bool hit, const df_candidate *candidate, const df_counters *counters, size_t i, size_t count,
                                   __global uchar *found, __global uint4 *candidates, __global uint *counts) {
-    if (hit) candidates[i] = (uint4)(candidate->cell[0] | (uint)candidate->cell[1] << 16, candidate->cell[2], candidate->block, 0);
+    if (hit) candidates[i] = (uint4)(candidate->cell[0] | (uint)candidate->cell[1] << 16, candidate->cell[2], candidate->block, candidate->flags >> DF_HIT_SIZE_SHIFT);
     found[i] = (uchar)(!hit ? 0 : candidate->flags & DF_HIT_BACK ? DF_FOUND | DF_FOUND_BACK : DF_FOUND);
     if (counts) {
         counts[i] = counters->coarse_steps;
@@ -22,11 +23,20 @@ static inline void df_store_found(bool hit, const df_candidate *candidate, const
     }
 }
 
+/* The first hit of a ray that walks alone. */
+static inline bool df_walk(const df_scene *scene, int isolate, const dda_ray *ray, df_candidate *candidate, df_counters *counters) {
+#if DF_LEVELS == 0
+    return adf_walk_scene(scene, isolate != 0, ray, candidate, counters);
+#else
+    return dda_walk_scene(scene, isolate != 0, ray, candidate, counters);
+#endif
+}
+
 static inline void df_find(const df_scene *scene, int isolate, const dda_ray *ray, size_t i, size_t count, __global uchar *found,
                            __global uint4 *candidates, __global uint *counts) {
     df_candidate candidate;
     df_counters counters = {0, 0, 0};
-    const bool hit = dda_walk_scene(scene, isolate != 0, ray, &candidate, &counters);
+    const bool hit = df_walk(scene, isolate, ray, &candidate, &counters);
     df_store_found(hit, &candidate, &counters, i, count, found, candidates, counts);
 }
 
@@ -60,7 +70,9 @@ __kernel void df_trace_rays(DF_SCENE_PARAMETERS, __global const float *rays, uin
     df_find(&scene, isolate, &ray, i, count, found, candidates, counts);
 }
 
+#if DF_LEVELS
 #include "render/opencl/cgt.cl"
+#endif
 
 /* ---- solving and shading ---- */
 
@@ -71,7 +83,7 @@ static inline double df_solve_candidate(const df_scene *scene, int solve, int st
     voxel[1] = candidate.x >> 16;
     voxel[2] = candidate.y;
     df_scene_corners(scene, voxel, candidate.z, stored);
-    return df_hit_solve(solve, steps, origin, direction, voxel, stored, (flags & DF_FOUND_BACK) != 0, position);
+    return df_hit_solve(solve, steps, origin, direction, voxel, (float)(1u << candidate.w), stored, (flags & DF_FOUND_BACK) != 0, position);
 }
 
 /* The hits of arbitrary rays that df_trace_rays has found: t without the ray's t_base, and the position in the cell as 3 arrays of `count`.
@@ -120,12 +132,14 @@ __kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
         double t_base;
         df_view_ray(&view, x, first_row + y, origin, direction, &t_base);
         const double t = df_solve_candidate(&scene, solve, steps, origin, direction, flags, candidates[i], voxel, position);
-#ifdef DF_IMAGES
+#if DF_LEVELS == 0
+        df_leaf_stencil(scene.field, voxel, candidates[i].z, candidates[i].w, df_gradient_reach(gradient_method), stencil, 1);
+#elif defined DF_IMAGES
         df_image_stencil(&scene, image, voxel, df_gradient_reach(gradient_method), stencil);
 #else
         df_scene_stencil(&scene, voxel, candidates[i].z, df_gradient_reach(gradient_method), stencil);
 #endif
-        for (int a = 0; a < 3; a++) inverse_step[a] = df_view_inverse_size(&view, a);
+        for (int a = 0; a < 3; a++) inverse_step[a] = df_view_inverse_size(&view, a) / (float)(1u << candidates[i].w);
         df_gradient(gradient_method, stencil, position, inverse_step, gradient);
         for (int a = 0; a < 3; a++) inverse_size[a] = 1.0f / view.relative_size[a];
         df_shade_toward_eye(direction, view.relative_size, toward_eye);

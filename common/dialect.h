@@ -7,6 +7,7 @@
 #ifdef DF_OPENCL
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #pragma OPENCL FP_CONTRACT OFF
+typedef char int8_t;
 typedef uchar uint8_t;
 typedef ushort uint16_t;
 typedef int int32_t;
@@ -15,12 +16,18 @@ typedef long int64_t;
 typedef ulong uint64_t;
 #define floorf floor
 #define DF_GLOBAL __global /* the memory of fields and rays */
+#define DF_TABLE const     /* constants within a function */
+#define df_bit_count(word) popcount((uint)(word))
+#define df_leading_zeros(word) clz((uint)(word)) /* of a word that is not 0 */
 #else
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #define DF_GLOBAL
+#define DF_TABLE static const
+#define df_bit_count(word) ((uint32_t)__builtin_popcount(word))
+#define df_leading_zeros(word) ((uint32_t)__builtin_clz(word))
 #endif
 
 #endif

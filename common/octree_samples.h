@@ -1,0 +1,107 @@
+/*
+ * Reading an octree: its samples decoded, and its cells found. C and OpenCL C; field.h has the same as functions.
+ *
+ * A device defines df_field, with the members that stand here, and df_power_of_two before it includes this.
+ */
+#ifndef DF_OCTREE_SAMPLES_H
+#define DF_OCTREE_SAMPLES_H
+
+#ifndef DF_OPENCL
+#include "common/field.h" /* not for devices */
+#endif
+
+#include "common/octree.h"
+
+/* Where the samples of a family lie, and what makes values of them. */
+typedef struct df_coded {
+    const DF_GLOBAL float *values; /* of an exact family; otherwise NULL */
+    const DF_GLOBAL uint16_t *residuals16;
+    const DF_GLOBAL uint8_t *residuals8;
+    float step;
+} df_coded;
+
+static inline df_coded df_octree_coded(const df_field *field, uint32_t family) {
+    const DF_GLOBAL float *exact = (const DF_GLOBAL float *)field->samples + 8;
+    df_coded coded = {0, 0, 0, 0};
+    if (field->sample_type == DF_SAMPLE_F32 || family < field->exact_count) {
+        coded.values = exact + (size_t)family * DF_FAMILY_STORED_COUNT;
+        return coded;
+    }
+    const DF_GLOBAL void *rest = exact + (size_t)field->exact_count * DF_FAMILY_STORED_COUNT;
+    const size_t number = family - field->exact_count, at = number * DF_FAMILY_STORED_COUNT;
+    coded.step = df_power_of_two(field->brick_exponents[number]);
+    if (field->sample_type == DF_SAMPLE_U16) coded.residuals16 = (const DF_GLOBAL uint16_t *)rest + at;
+    else coded.residuals8 = (const DF_GLOBAL uint8_t *)rest + at;
+    return coded;
+}
+
+/* A sample of a family whose divided cell has these corners. */
+static inline float df_coded_sample(const df_coded *coded, const float cell[8], uint32_t sample) {
+    const int slot = df_family_slot(sample);
+    if (slot < 0) return cell[df_family_cell_corner(sample)];
+    if (coded->values) return coded->values[slot];
+    const int q = coded->residuals16 ? (int)coded->residuals16[slot] - 32768 : (int)coded->residuals8[slot] - 128;
+    return df_family_predict(cell, sample) + (float)q * coded->step;
+}
+
+/* The corners of a child of a family from those of the family's divided cell; `corners` may be `cell`. */
+static inline void df_octree_child_corners(const df_field *field, uint32_t family, uint32_t child, const float cell[8],
+                                           float corners[8]) {
+    const df_coded coded = df_octree_coded(field, family);
+    float out[8];
+    for (uint32_t i = 0; i < 8; i++) out[i] = df_coded_sample(&coded, cell, df_family_corner(child, i));
+    for (uint32_t i = 0; i < 8; i++) corners[i] = out[i];
+}
+
+/* Corner `corner` of the divided cell of a family whose parents are exact: it is a sample of the parent's family, or
+ * again a corner of that family's cell. */
+static inline float df_octree_exact_corner(const df_field *field, uint32_t family, uint32_t corner) {
+    const DF_GLOBAL float *exact = (const DF_GLOBAL float *)field->samples;
+    while (family) {
+        const uint32_t parent = field->families[family].parent, child = parent & 7;
+        family = parent >> 3;
+        if (child == corner) continue;
+        return exact[8 + (size_t)family * DF_FAMILY_STORED_COUNT +
+                     (size_t)df_family_slot(df_family_corner(child, corner))];
+    }
+    return exact[corner];
+}
+
+/* The corners of the divided cell of a family, decoded from the first exact family down. */
+static inline void df_octree_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
+    uint32_t path[DF_LEVEL_COUNT_MAX], depth = 0; /* from the family up to the first whose parents are exact */
+    path[depth++] = family;
+    while (family && (family = field->families[family].parent >> 3) >= field->exact_count) path[depth++] = family;
+    for (uint32_t c = 0; c < 8; c++) cell[c] = df_octree_exact_corner(field, path[depth - 1], c);
+    while (--depth)
+        df_octree_child_corners(field, path[depth], field->families[path[depth - 1]].parent & 7, cell, cell);
+}
+
+static inline void df_octree_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
+    float cell[8];
+    if (family < field->exact_count)
+        cell[child] = df_octree_exact_corner(field, family, child); /* the only one that is looked at */
+    else df_octree_cell_corners(field, family, cell);
+    df_octree_child_corners(field, family, child, cell, corners);
+}
+
+static inline void df_octree_find(const df_field *field, const double grid[3], uint32_t level_limit,
+                                  df_adf_cell *cell) {
+    cell->corner[0] = cell->corner[1] = cell->corner[2] = cell->family = 0;
+    cell->side = 1u << field->level_count;
+    for (uint32_t level = 1;; level++) {
+        const df_family family = field->families[cell->family];
+        cell->side /= 2;
+        cell->child = 0;
+        for (int a = 0; a < 3; a++) {
+            const bool upper = grid[a] >= cell->corner[a] + cell->side;
+            cell->child |= (uint32_t)upper << a;
+            cell->corner[a] += upper ? cell->side : 0;
+        }
+        cell->state = df_family_state(&family, cell->child);
+        if (cell->state != DF_CHILD_FAMILY || level == level_limit) return;
+        cell->family = df_family_child(&family, cell->child);
+    }
+}
+
+#endif

@@ -1,0 +1,77 @@
+/*
+ * The samples around a leaf of an octree, as far apart as its corners, for gradients. C and OpenCL C.
+ */
+#ifndef DF_LEAF_H
+#define DF_LEAF_H
+
+#include "common/octree_samples.h"
+#include "render/methods/gradient.h"
+
+/* df_trilinear (field.h). */
+static inline double df_leaf_interpolate(const float v[8], const double within[3]) {
+    const double x = within[0], y = within[1], z = within[2];
+    const double a = (1 - x) * (double)v[0] + x * (double)v[1], b = (1 - x) * (double)v[2] + x * (double)v[3];
+    const double c = (1 - x) * (double)v[4] + x * (double)v[5], d = (1 - x) * (double)v[6] + x * (double)v[7];
+    return (1 - z) * ((1 - y) * a + y * b) + z * ((1 - y) * c + y * d);
+}
+
+/* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
+static inline bool df_leaf_sample(const df_field *field, const int64_t at[3], float *value) {
+    double grid[3], within[3];
+    df_adf_cell cell;
+    float corners[8];
+    for (int a = 0; a < 3; a++) {
+        if (at[a] < 0 || at[a] > (int64_t)1 << field->level_count) return false;
+        grid[a] = (double)at[a];
+    }
+    df_octree_find(field, grid, DF_LEVEL_COUNT_MAX, &cell);
+    df_octree_corners(field, cell.family, cell.child, corners);
+    for (int a = 0; a < 3; a++) within[a] = (grid[a] - cell.corner[a]) / cell.side;
+    *value = (float)df_leaf_interpolate(corners, within);
+    return true;
+}
+
+/* df_scene_leaf_stencil (scene.h). */
+static inline void df_leaf_stencil(const df_field *field, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
+                                   int reach, float *stencil, size_t step) {
+    const int stride[3] = {1, 4, 16};
+    const int64_t size = (int64_t)1 << size_log2;
+    const uint32_t child = block & 7;
+    float corners[8];
+    df_octree_corners(field, block >> 3, child, corners);
+    for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
+    for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++) {
+        const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
+        float sibling[8]; /* the neighbour within the family, when it is on that side */
+        const bool sibling_holds = (child >> axis & 1) != (uint32_t)after;
+        if (sibling_holds) df_octree_corners(field, block >> 3, child ^ 1u << axis, sibling);
+        for (int i = 0; i < 4; i++) {
+            const int at = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1) * stride[v];
+            float *out = &stencil[(size_t)(at + (after ? 2 : -1) * stride[axis]) * step];
+            if (sibling_holds) {
+                *out = sibling[(i & 1) << u | (i >> 1) << v | after << axis];
+                continue;
+            }
+            int64_t place[3];
+            place[axis] = (int64_t)corner[axis] + (after ? 2 * size : -size);
+            place[u] = (int64_t)corner[u] + (i & 1) * size;
+            place[v] = (int64_t)corner[v] + (i >> 1) * size;
+            if (df_leaf_sample(field, place, out)) continue;
+            const float near = stencil[(size_t)(at + (after ? stride[axis] : 0)) * step];
+            const float next = stencil[(size_t)(at + (after ? 0 : stride[axis])) * step];
+            *out = (near + near) - next;
+        }
+    }
+    for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
+        for (int i = 0; i < 64; i++) {
+            const int at[3] = {i % 4 - 1, i / 4 % 4 - 1, i / 16 - 1};
+            int64_t place[3];
+            if (df_stencil_outside(at) != outside) continue;
+            for (int a = 0; a < 3; a++) place[a] = (int64_t)corner[a] + at[a] * size;
+            if (!df_leaf_sample(field, place, &stencil[(size_t)i * step]))
+                stencil[(size_t)i * step] = df_stencil_extend(stencil, step, at);
+        }
+    }
+}
+
+#endif
