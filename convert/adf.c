@@ -57,12 +57,95 @@ static df_status make_continuous(adf_tree *t, df_adf_report *report, df_error *e
         uint32_t count = 0;
         df_status status = adf_number(t, err);
         if (status == DF_OK) status = adf_fit(t, err);
-        if (status == DF_OK && round < ROUND_MAX) status = adf_find_spoiled(t, &tasks, &count, err);
+        if (status == DF_OK && round < ROUND_MAX) {
+            status = adf_find_spoiled(t, round, &tasks, &count, err);
+        }
         if (status == DF_OK && count) status = adf_divide(t, tasks, count, err);
         free(tasks);
         report->divided_for_continuity += count;
         if (status != DF_OK || count == 0) return status;
     }
+}
+
+/* ---- the slope ---- */
+
+/* The leaves of a pilot: sums of area, and of error squared by area. */
+typedef struct pilot_sum {
+    double area, square;
+} pilot_sum;
+
+/* rms: that of the node's cell. */
+static void sum_pilot(const adf_tree *t, const adf_node *n, double rms, pilot_sum *sum) {
+    double side = adf_side(t, n->level);
+    for (int c = 0; c < 8; c++) {
+        if (n->children[c] != ADF_NONE) {
+            sum_pilot(t, adf_node_at(t, n->children[c]), (double)n->rms[c], sum);
+        } else if (n->crossed[c] && n->level > ADF_PILOT_LEVEL) {
+            double error = n->fitted[c] ? (double)n->rms[c] : rms / 3; /* not known where a side is a voxel */
+            sum->area += side * side;
+            sum->square += side * side * error * error;
+        }
+    }
+}
+
+static void free_nodes(adf_tree *t) {
+    for (uint32_t c = 0; t->chunks && c < t->chunk_count && c < ADF_CHUNK_COUNT; c++) free(t->chunks[c]);
+    free(t->chunks);
+    t->chunks = NULL;
+    t->chunk_count = t->family_count = 0;
+}
+
+static df_status divide_from_root(adf_tree *t, df_error *err) {
+    const adf_task root = {.parent = ADF_NONE, .forced = true};
+    df_status status = df_alloc((void **)&t->chunks, ADF_CHUNK_COUNT, sizeof *t->chunks, "octree", err);
+    return status == DF_OK ? adf_divide(t, &root, 1, err) : status;
+}
+
+/* Lists the leaves of a pilot that the slope asks to divide. tasks: room for 8 a node. */
+static uint32_t list_steep(const adf_tree *t, uint32_t number, adf_task *tasks) {
+    const adf_node *n = adf_node_at(t, number);
+    uint32_t count = 0;
+    for (uint32_t c = 0; c < 8; c++) {
+        if (n->children[c] != ADF_NONE) count += list_steep(t, n->children[c], tasks + count);
+        else if (n->fitted[c] && (double)n->rms[c] * adf_side(t, n->level) > t->slope)
+            tasks[count++] = (adf_task){.parent = number, .child = c};
+    }
+    return count;
+}
+
+/* Divides a pilot further, after its slope was lowered. */
+static df_status deepen(adf_tree *t, df_error *err) {
+    adf_task *tasks;
+    df_status status = df_alloc_raw((void **)&tasks, 8 * (uint64_t)t->family_count, sizeof *tasks, "octree", err);
+    if (status != DF_OK) return status;
+    status = adf_divide(t, tasks, list_steep(t, 0, tasks), err);
+    free(tasks);
+    return status;
+}
+
+/* What continuity adds to the root mean square of leaves that are fitted on their own, and some room: a second attempt
+ * costs more than a few leaves. */
+#define PILOT_FACTOR 1.27
+
+/* Finds the slope for the root mean square that is asked: halves it on a part of the octree until that has less, then
+ * goes between the last two, along the line through their logarithms. */
+static df_status choose_slope(adf_tree *t, df_error *err) {
+    double target = t->input->rms_error / PILOT_FACTOR, rms = INFINITY, last = INFINITY;
+    t->pilot = true;
+    t->slope = 2 * target * adf_side(t, t->level_count > ADF_PILOT_LEVEL ? ADF_PILOT_LEVEL : t->level_count);
+    df_status status = DF_OK;
+    do {
+        pilot_sum sum = {0, 0};
+        last = rms;
+        t->slope /= 2;
+        status = t->chunks ? deepen(t, err) : divide_from_root(t, err);
+        if (status == DF_OK) sum_pilot(t, adf_node_at(t, 0), 0, &sum);
+        rms = sum.area > 0 ? sqrt(sum.square / sum.area) : 0;
+    } while (status == DF_OK && rms > target && rms < last);
+    if (isfinite(last) && rms > 0 && rms < target) t->slope *= exp2(log(target / rms) / log(last / rms));
+    t->pilot = false;
+    free_nodes(t);
+    return status;
 }
 
 static void set_dimensions(const adf_tree *t, df_field *field) {
@@ -99,9 +182,8 @@ static df_status store(adf_tree *t, df_field *field, df_error *err) {
 
 static void free_tree(adf_tree *t) {
     for (uint32_t s = 0; t->slabs && s < t->slab_count; s++) df_winding_slab_free(&t->slabs[s]);
-    for (uint32_t c = 0; t->chunks && c < t->chunk_count && c < ADF_CHUNK_COUNT; c++) free(t->chunks[c]);
+    free_nodes(t);
     free(t->slabs);
-    free(t->chunks);
     free(t->order);
     free(t->families);
     df_neighbours_free(&t->neighbours);
@@ -110,20 +192,21 @@ static void free_tree(adf_tree *t) {
 df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err) {
     assert(input->tree || (input->source->is_signed && input->crosses));
     adf_tree t = {.input = input, .level_count = 1};
-    const adf_task root = {ADF_NONE, 0, true};
     *report = (df_adf_report){0};
     for (int a = 0; a < 3; a++) {
         while (1u << t.level_count < input->lattice->voxel_count[a]) t.level_count++;
     }
     double start = df_now_ms();
-    df_status status = df_alloc((void **)&t.chunks, ADF_CHUNK_COUNT, sizeof *t.chunks, "octree", err);
-    if (status == DF_OK && !input->source->is_signed) status = find_signs(&t, err);
+    df_status status = input->source->is_signed ? DF_OK : find_signs(&t, err);
     double signs = df_now_ms();
-    if (status == DF_OK) status = adf_divide(&t, &root, 1, err);
+    t.slope = input->rms_slope > 0 ? input->rms_slope : (double)INFINITY;
+    if (status == DF_OK && !(input->rms_slope > 0) && isfinite(input->rms_error)) status = choose_slope(&t, err);
+    if (status == DF_OK) status = divide_from_root(&t, err);
     double divided = df_now_ms();
     if (status == DF_OK) status = make_continuous(&t, report, err);
     double continuous = df_now_ms();
     if (status == DF_OK) status = store(&t, field, err);
+    report->rms_slope = t.slope;
     report->samples_computed = t.samples_computed;
     report->leaves = 7 * (uint64_t)t.family_count + 1;
     report->sign_ms = signs - start;

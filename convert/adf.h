@@ -3,14 +3,14 @@
  *
  * Top down: a cell that the surface may cross is divided while the trilinear function that fits its 27 samples best
  * misses them, or a point of a face inside it, by more than a share of the largest error allowed, or in the root mean
- * square by more than `rms_slope` over its side. The latter is the rule that makes the error over the whole surface
+ * square by more than a slope over its side. The latter is the rule that makes the error over the whole surface
  * smallest for a number of cells: the cells on a piece of surface grow by its area over the side's square, their error
  * counts by that area, so dividing pays alike everywhere where error times side is alike.
  *
  * Then the samples are fitted: each moves to the mean of what the leaves around it would like best, weighted by their
- * areas; that leaves about half of the error of exact samples. Which side a sample lies on never changes. Samples on
- * the border of a larger leaf take its interpolated value, so that the field is continuous; leaves that this spoils
- * have the larger leaf divided. With max_error = 0 all samples are exact: the classic octree of full depth.
+ * areas, but not far; that leaves about half of the error of exact samples. Which side a sample lies on never changes.
+ * Samples on the border of a larger leaf take its interpolated value, so that the field is continuous; for leaves that
+ * this spoils the larger leaf is divided. With max_error = 0 all samples are exact: the classic octree of full depth.
  */
 #ifndef DF_ADF_H
 #define DF_ADF_H
@@ -32,7 +32,9 @@ typedef struct df_adf_input {
     df_sign *sign;       /* as for df_build */
     const df_mesh *mesh; /* the input, which sign->mesh may be */
     double max_error;    /* world units, >= 0 */
-    double rms_slope;    /* world units * voxels: cells are divided while rms error * side is larger; INFINITY: never */
+    double rms_error;    /* the same for the root mean square over the surface; INFINITY: any */
+    double rms_slope;    /* world units * voxels: cells are divided while their rms error * side is larger; 0: estimated
+                            from rms_error by dividing a part of the octree */
     bool quiet;
 } df_adf_input;
 
@@ -40,6 +42,7 @@ typedef struct df_adf_report {
     uint64_t samples_computed;
     uint64_t divided_for_continuity; /* leaves */
     uint64_t leaves;
+    double rms_slope; /* that was used */
     double sign_ms, divide_ms, continuity_ms, structure_ms;
 } df_adf_report;
 

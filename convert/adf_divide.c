@@ -16,7 +16,7 @@
  * for what neighbours ask. */
 #define DIVIDE_SHARE 0.7
 /* Cells down to this level are put up for any thread. */
-#define SHARED_LEVEL 3
+#define SHARED_LEVEL ADF_PILOT_LEVEL
 /* The longest list; cells with more faces are searched sample by sample. */
 #define LIST_MAX 8192
 /* Above this a list is shrunk by spheres around the faces, below by their distances. */
@@ -29,8 +29,17 @@ typedef struct cell {
     const float *of_parent; /* the parent's samples; NULL: not to be used */
     const uint32_t *faces;  /* that can be nearest; NULL: too many */
     uint32_t face_count;
+    uint32_t close_count; /* the first so many may cross the cell */
+    bool crossed;         /* one of them does; otherwise not known */
     bool forced;
 } cell;
+
+/* Which of a cell's children each face of its list matters to, by bit. */
+typedef struct selection {
+    uint8_t near[LIST_MAX];  /* the face can be nearest to a point of the child */
+    uint8_t close[LIST_MAX]; /* it may cross the child */
+    uint8_t crossed;         /* by child: a face surely does */
+} selection;
 
 /* What a thread works with. */
 typedef struct worker {
@@ -44,7 +53,7 @@ typedef struct worker {
     adf_task *later;     /* cells put up for any thread */
     uint32_t later_count, later_capacity;
     uint32_t lists[DF_LEVEL_COUNT_MAX + 1][LIST_MAX]; /* by level */
-    uint8_t masks[DF_LEVEL_COUNT_MAX + 1][LIST_MAX];
+    selection selections[DF_LEVEL_COUNT_MAX + 1];     /* by level, of the cell that is being worked at there */
     float distances[LIST_MAX * 8];
 } worker;
 
@@ -182,27 +191,29 @@ static void fit_cell(const float samples[27], float fit[8]) {
 
 /* How well a function fits a cell. */
 typedef struct misfit {
-    double largest, rms;
+    float left[27]; /* errors at the samples */
+    double rms, largest;
+    double at_face, face[3]; /* the largest error at a point of a face, and where that is, in sides of the cell */
 } misfit;
 
-static misfit misfit_of_samples(const float samples[27], const float corners[8]) {
-    misfit m = {0, 0};
+static void find_misfit_at_samples(const float samples[27], const float corners[8], misfit *m) {
+    double sum = 0;
     for (uint32_t s = 0; s < 27; s++) {
-        double e = fabs((double)(df_family_predict(corners, s) - samples[s]));
         double weight = (s % 3 == 1 ? 4 : 1) * (s / 3 % 3 == 1 ? 4 : 1) * (s / 9 == 1 ? 4 : 1);
-        m.largest = fmax(m.largest, e);
-        m.rms += weight / 216 * e * e;
+        m->left[s] = df_family_predict(corners, s) - samples[s];
+        m->largest = fmax(m->largest, fabs((double)m->left[s]));
+        sum += weight * (double)m->left[s] * (double)m->left[s];
     }
-    m.rms = sqrt(m.rms);
-    return m;
+    m->rms = sqrt(sum / 216);
 }
 
-/* The largest value at points of the faces inside a cell: their corners, centre and middles of sides. */
-static double misfit_of_faces(const worker *w, const cell *c, const float corners[8]) {
+/* The same at points of the faces inside a cell, where the distance is 0: their corners, centre and middles of sides.
+ */
+static void find_misfit_at_faces(const worker *w, const cell *c, const float corners[8], misfit *m) {
     static const double weights[7][2] = {{0, 0}, {1, 0}, {0, 1}, {.5, 0}, {0, .5}, {.5, .5}, {1 / 3., 1 / 3.}};
     const df_lattice *l = w->tree->input->lattice;
-    double largest = 0, side = side_world(w, c);
-    for (uint32_t i = 0; i < c->face_count; i++) {
+    double side = side_world(w, c);
+    for (uint32_t i = 0; i < c->close_count; i++) {
         const df_face *f = &w->tree->input->tree->faces[c->faces[i]];
         for (int n = 0; n < 7; n++) {
             double local[3];
@@ -212,26 +223,40 @@ static double misfit_of_faces(const worker *w, const cell *c, const float corner
                 local[a] = (x - l->origin[a] - c->corner[a] * l->voxel_size) / side;
                 inside = local[a] >= 0 && local[a] <= 1;
             }
-            if (inside) largest = fmax(largest, fabs(df_trilinear(corners, local)));
+            double error = inside ? df_trilinear(corners, local) : 0;
+            if (fabs(error) <= fabs(m->at_face)) continue;
+            m->at_face = error;
+            memcpy(m->face, local, sizeof local);
         }
     }
-    return largest;
+    m->largest = fmax(m->largest, fabs(m->at_face));
+}
+
+/* Leaves a cell's fit with its parent. */
+static void keep_fit(adf_node *parent, uint32_t child, const float samples[27], const float fit[8], const misfit *m) {
+    const double scale = m->largest > 0 ? 127 / m->largest : 0;
+    parent->fitted[child] = 1;
+    parent->misfit[child] = (float)m->largest;
+    for (uint32_t i = 0; i < 8; i++) parent->fit[child][i] = fit[i] - samples[df_family_corner(i, i)];
+    for (uint32_t s = 0; s < 27; s++) parent->left[child][s] = (int8_t)nearbyint((double)m->left[s] * scale);
+    parent->at_face[child] = (int8_t)nearbyint(m->at_face * scale);
+    for (int a = 0; a < 3; a++) parent->face[child][a] = (uint8_t)nearbyint(m->face[a] * 255);
 }
 
 /* Decides whether a cell is divided; where not, its fit goes to the parent. */
 static bool judge(const worker *w, const cell *c, const float samples[27]) {
-    const df_adf_input *in = w->tree->input;
-    float fit[8];
-    fit_cell(samples, fit);
-    misfit m = misfit_of_samples(samples, fit);
-    double bound = DIVIDE_SHARE * in->max_error;
-    if (!(m.largest <= bound) || m.rms * adf_side(w->tree, c->level) > in->rms_slope) return true;
-    if (c->faces) m.largest = fmax(m.largest, misfit_of_faces(w, c, fit));
-    if (m.largest > bound) return true;
+    const double bound = DIVIDE_SHARE * w->tree->input->max_error;
     adf_node *parent = adf_node_at(w->tree, c->parent);
-    parent->fitted[c->child] = 1;
+    float fit[8];
+    misfit m = {.largest = 0};
+    fit_cell(samples, fit);
+    find_misfit_at_samples(samples, fit, &m);
+    parent->rms[c->child] = (float)m.rms;
     parent->misfit[c->child] = (float)m.largest;
-    for (uint32_t i = 0; i < 8; i++) parent->fit[c->child][i] = fit[i] - samples[df_family_corner(i, i)];
+    if (!(m.largest <= bound) || m.rms * adf_side(w->tree, c->level) > w->tree->slope) return true;
+    if (c->faces) find_misfit_at_faces(w, c, fit, &m);
+    if (m.largest > bound) return true;
+    keep_fit(parent, c->child, samples, fit, &m);
     return false;
 }
 
@@ -268,9 +293,9 @@ static bool is_crossed(const worker *w, const cell *c) {
     const df_adf_input *in = w->tree->input;
     double centre[3], half = side_world(w, c) / 2;
     if (!in->tree) return in->crosses(in->crosses_context, c->corner, adf_side(w->tree, c->level));
-    if (!c->faces) return true;
+    if (!c->faces || c->crossed) return true;
     centre_of(w, c, centre);
-    for (uint32_t i = 0; i < c->face_count; i++) {
+    for (uint32_t i = 0; i < c->close_count; i++) {
         if (face_meets(&in->tree->faces[c->faces[i]], centre, half * (1 + 1e-9))) return true;
     }
     return false;
@@ -286,12 +311,47 @@ static void list_faces(worker *w, cell *c) {
     double reach = (least + side_world(w, c) * 1.7320508075688773) * (1 + 1e-9);
     c->face_count = df_face_tree_list(tree, centre, reach, w->lists[c->level], LIST_MAX);
     if (c->face_count <= LIST_MAX) c->faces = w->lists[c->level];
+    c->close_count = c->face_count;
 }
 
-/* For each face of a cell's list, for which of the children it may matter: w->masks[level]. */
-static void select_faces(worker *w, const cell *c) {
+/* Selects by spheres around the faces, for long lists. */
+static void select_by_spheres(worker *w, const cell *c, const df_face_boxes *boxes, double diagonal) {
     const df_face_tree *tree = w->tree->input->tree;
-    double centre[3], quarter = side_world(w, c) / 4, least[8];
+    selection *s = &w->selections[c->level];
+    df_face_select(tree, c->faces, c->face_count, boxes, w->distances, s->near);
+    for (uint32_t f = 0; f < c->face_count; f++) {
+        float reach = ((float)diagonal + tree->spheres[c->faces[f]].radius + (float)tree->slack) * 1.000001f;
+        s->close[f] = 0;
+        for (int i = 0; i < 8; i++) s->close[f] |= (uint8_t)((w->distances[f * 8 + i] <= reach * reach) << i);
+    }
+    s->crossed = 0;
+}
+
+/* Selects by the distances of the children's centres. */
+static void select_by_distances(worker *w, const cell *c, const df_face_boxes *boxes, double diagonal) {
+    selection *s = &w->selections[c->level];
+    double distances[LIST_SPHERES][8], least[8], reach[8], touch = diagonal * (1 + 1e-9),
+                                                           inside = boxes->half[0][0] * (1 - 1e-9);
+    df_face_distances(w->tree->input->tree->faces, c->faces, c->face_count, (const double(*)[8])boxes->centre,
+                      distances[0], least);
+    s->crossed = 0;
+    for (int i = 0; i < 8; i++) {
+        reach[i] = (sqrt(least[i]) + 2 * diagonal) * (1 + 1e-9);
+        reach[i] *= reach[i];
+        s->crossed |= (uint8_t)((least[i] < inside * inside) << i);
+    }
+    for (uint32_t f = 0; f < c->face_count; f++) {
+        s->near[f] = s->close[f] = 0;
+        for (int i = 0; i < 8; i++) {
+            s->near[f] |= (uint8_t)((distances[f][i] <= reach[i]) << i);
+            s->close[f] |= (uint8_t)((distances[f][i] <= touch * touch) << i);
+        }
+    }
+}
+
+/* Finds which faces of a cell's list matter to its children. */
+static void select_faces(worker *w, const cell *c) {
+    double centre[3], quarter = side_world(w, c) / 4;
     df_face_boxes boxes;
     centre_of(w, c, centre);
     for (int i = 0; i < 8; i++) {
@@ -300,21 +360,25 @@ static void select_faces(worker *w, const cell *c) {
             boxes.half[a][i] = quarter;
         }
     }
-    uint8_t *masks = w->masks[c->level];
-    if (c->face_count > LIST_SPHERES) {
-        df_face_select(tree, c->faces, c->face_count, &boxes, w->distances, masks);
-        return;
-    }
-    double distances[LIST_SPHERES][8], diagonal = 2 * quarter * 1.7320508075688773;
-    df_face_distances(tree->faces, c->faces, c->face_count, (const double(*)[8])boxes.centre, distances[0], least);
-    for (int i = 0; i < 8; i++) {
-        double reach = (sqrt(least[i]) + diagonal) * (1 + 1e-9);
-        least[i] = reach * reach;
-    }
+    if (c->face_count > LIST_SPHERES) select_by_spheres(w, c, &boxes, quarter * 1.7320508075688773);
+    else select_by_distances(w, c, &boxes, quarter * 1.7320508075688773);
+}
+
+/* Hands a child of a cell its part of the list, the faces that may cross it first. */
+static void hand_faces(worker *w, const cell *c, cell *child) {
+    const selection *s = &w->selections[c->level];
+    uint32_t *list = w->lists[child->level], i = child->child;
     for (uint32_t f = 0; f < c->face_count; f++) {
-        masks[f] = 0;
-        for (int i = 0; i < 8; i++) masks[f] |= (uint8_t)((distances[f][i] <= least[i]) << i);
+        list[child->close_count] = c->faces[f];
+        child->close_count += s->near[f] >> i & s->close[f] >> i & 1u;
     }
+    child->face_count = child->close_count;
+    for (uint32_t f = 0; f < c->face_count; f++) {
+        list[child->face_count] = c->faces[f];
+        child->face_count += s->near[f] >> i & ~s->close[f] >> i & 1u;
+    }
+    child->faces = list;
+    child->crossed = s->crossed >> i & 1;
 }
 
 /* ---- the walk ---- */
@@ -359,7 +423,7 @@ static void put_up(worker *w, uint32_t parent, uint32_t child) {
         w->later = grown;
         w->later_capacity = capacity;
     }
-    w->later[w->later_count++] = (adf_task){parent, child, false};
+    w->later[w->later_count++] = (adf_task){.parent = parent, .child = child};
 }
 
 static void child_of(const worker *w, const adf_node *n, uint32_t number, uint32_t child, cell *c) {
@@ -371,8 +435,9 @@ static void child_of(const worker *w, const adf_node *n, uint32_t number, uint32
 /* Divides a cell where that is needed, and what comes of it. */
 static void work_at(worker *w, const cell *c) {
     float samples[27];
-    if (!c->forced && !is_crossed(w, c)) return;
-    if (c->parent != ADF_NONE && !c->forced) adf_node_at(w->tree, c->parent)->crossed[c->child] = 1;
+    const bool crossed = is_crossed(w, c);
+    if (!c->forced && !crossed) return;
+    if (c->parent != ADF_NONE && crossed) adf_node_at(w->tree, c->parent)->crossed[c->child] = 1;
     if (adf_side(w->tree, c->level) == 1) return;
     sample_cell(w, c, samples);
     if (!c->forced && !judge(w, c, samples)) return;
@@ -389,24 +454,25 @@ static void work_at(worker *w, const cell *c) {
             continue;
         }
         child_of(w, n, number, child, &below);
-        if (c->faces) {
-            uint32_t *list = w->lists[below.level];
-            below.faces = list;
-            for (uint32_t f = 0; f < c->face_count; f++) {
-                list[below.face_count] = c->faces[f];
-                below.face_count += w->masks[c->level][f] >> child & 1u;
-            }
-        }
+        if (c->faces) hand_faces(w, c, &below);
         work_at(w, &below);
     }
 }
 
+/* A choice that is even over space and depends on the place alone. */
+static bool is_pilot(const worker *w, const cell *c) {
+    uint64_t side = adf_side(w->tree, c->level), key = 0;
+    for (int a = 0; a < 3; a++) key = key << 16 | c->corner[a] / side;
+    return (key + 1) * 0x9E3779B97F4A7C15u >> 40 < (1u << 24) / ADF_PILOT_PART;
+}
+
 static void work_at_task(worker *w, const adf_task *task) {
-    cell c = {.parent = ADF_NONE, .forced = true};
+    cell c = {.parent = ADF_NONE};
     if (task->parent != ADF_NONE) {
         child_of(w, adf_node_at(w->tree, task->parent), task->parent, task->child, &c);
-        c.forced = task->forced;
     }
+    c.forced = task->forced;
+    if (w->tree->pilot && c.level == ADF_PILOT_LEVEL && !is_pilot(w, &c)) return;
     list_faces(w, &c);
     work_at(w, &c);
 }

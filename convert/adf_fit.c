@@ -14,16 +14,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What a leaf may miss at the points tried, of the largest error; the rest is for points between. And how far a corner
- * of a leaf of one voxel may be moved, which is not tried. */
-#define TRIED_SHARE 0.9
-#define IMPOSE_SHARE 0.3
+/* What a leaf may miss at the points tried, of the largest error; the rest is for points between. */
+#define TRIED_SHARE 0.8
+/* How far a sample may be moved to fit: small leaves must not suffer too much for the wishes of large ones. */
+#define FIT_SHARE 0.35
+/* Leaves of one voxel are not tried: they are taken to miss half of what the cell missed that they are a part of,
+ * between these shares. */
+#define UNTRIED_LEAST 0.4
+#define UNTRIED_MOST 0.6
 /* How much larger than the root mean square that a leaf is divided for its largest error may be. */
 #define SLOPE_SHARE 4
+/* Rounds in which leaves are divided for the slope as well; the root mean square hardly gains from more. */
+#define SLOPE_ROUNDS 3
 
 /* What leaves want of a sample: the sum of weighted moves, and the weights. */
 typedef struct wish {
-    double move, weight;
+    float move, weight;
 } wish;
 
 /* ---- families ---- */
@@ -64,7 +70,7 @@ df_status adf_number(adf_tree *t, df_error *err) {
 /* Collects what the leaves of a family want, and what the families below want of their own corners. */
 static void collect_wishes(const adf_tree *t, uint32_t f, wish (*wishes)[27]) {
     const adf_node *n = adf_node_at(t, t->order[f]);
-    double area = (double)adf_side(t, n->level) * adf_side(t, n->level);
+    float area = (float)adf_side(t, n->level) * (float)adf_side(t, n->level);
     memset(wishes[f], 0, sizeof wishes[f]);
     for (uint32_t c = 0; c < 8; c++) {
         const adf_node *below = n->children[c] == ADF_NONE ? NULL : adf_node_at(t, n->children[c]);
@@ -75,7 +81,7 @@ static void collect_wishes(const adf_tree *t, uint32_t f, wish (*wishes)[27]) {
                 to->move += wishes[below->family][df_family_corner(i, i)].move;
                 to->weight += wishes[below->family][df_family_corner(i, i)].weight;
             } else {
-                to->move += area * (double)n->fit[c][i]; /* 0 where that is not known */
+                to->move += area * n->fit[c][i]; /* 0 where that is not known */
                 to->weight += area;
             }
         }
@@ -87,11 +93,11 @@ static void collect_wishes(const adf_tree *t, uint32_t f, wish (*wishes)[27]) {
         if (df_family_slot(s) < 0 || from->weight == 0 || !(hanging >> s & 1)) continue;
         float cell[8];
         for (uint32_t i = 0; i < 8; i++) cell[i] = n->exact[df_family_corner(i, i)];
-        double excess = from->weight * (double)(n->exact[s] - df_family_predict(cell, s)) + from->move;
+        float excess = from->weight * (n->exact[s] - df_family_predict(cell, s)) + from->move;
         for (uint32_t i = 0; i < 8; i++) {
-            double share = 1;
+            float share = 1;
             const uint32_t at[3] = {s % 3, s / 3 % 3, s / 9};
-            for (int a = 0; a < 3; a++) share *= at[a] == 1 ? 0.5 : at[a] == 2 * (i >> a & 1);
+            for (int a = 0; a < 3; a++) share *= at[a] == 1 ? 0.5f : (float)(at[a] == 2 * (i >> a & 1));
             wishes[f][df_family_corner(i, i)].move += share * excess;
             wishes[f][df_family_corner(i, i)].weight += share * from->weight;
         }
@@ -111,7 +117,8 @@ static float fitted(const adf_tree *t, uint32_t f, uint32_t sample, const wish (
         sum.weight += from->weight;
     }
     if (sum.weight == 0) return exact;
-    float moved = (float)((double)exact + sum.move / sum.weight) + 0.0f;
+    const float most = (float)(FIT_SHARE * t->input->max_error), move = sum.move / sum.weight;
+    float moved = exact + fmaxf(-most, fminf(most, move)) + 0.0f;
     return (moved < 0) == (exact < 0) ? moved : exact;
 }
 
@@ -191,26 +198,53 @@ static bool find_imposing(const adf_tree *t, uint32_t f, uint32_t sample, adf_ta
     return false;
 }
 
-/* Whether a leaf misses more than it may; then the leaf to divide goes to *task: the one that imposes its value on the
- * corner that is worst off, or the leaf itself. */
-static bool is_spoiled(const adf_tree *t, uint32_t f, uint32_t child, adf_task *task) {
+/* The largest error of a leaf at the points that were tried. moves: by corner, from where it would fit best. */
+static double error_of(const adf_node *n, uint32_t child, const float moves[8]) {
+    const double unit = (double)n->misfit[child] / 127;
+    double local[3];
+    for (int a = 0; a < 3; a++) local[a] = n->face[child][a] / 255.0;
+    double largest = fabs(unit * n->at_face[child] + (n->at_face[child] ? df_trilinear(moves, local) : 0));
+    for (uint32_t s = 0; s < 27; s++) {
+        largest = fmax(largest, fabs(unit * n->left[child][s] + (double)df_family_predict(moves, s)));
+    }
+    return largest;
+}
+
+/* The error of children of one voxel. */
+static double untried_error(const adf_tree *t, uint32_t f) {
+    const uint32_t parent = t->families[f].parent;
+    const double whole = f ? (double)adf_node_at(t, t->order[parent >> 3])->misfit[parent & 7] : 0;
+    return fmax(UNTRIED_LEAST * t->input->max_error, fmin(whole / 2, UNTRIED_MOST * t->input->max_error));
+}
+
+/* Whether a leaf misses more than it may, or far more than the slope asks; then the leaf to divide goes to *task: the
+ * one that imposes its value on the corner that is worst off, or the leaf itself. */
+static bool is_spoiled(const adf_tree *t, uint32_t f, uint32_t child, int round, adf_task *task) {
     const adf_node *n = adf_node_at(t, t->order[f]);
-    double bound = fmin(TRIED_SHARE * t->input->max_error, SLOPE_SHARE * t->input->rms_slope / adf_side(t, n->level)),
-           moved = 0, most = 0;
     uint32_t worst = 0, side = adf_side(t, n->level);
-    if (!n->crossed[child] || n->children[child] != ADF_NONE) return false;
+    float moves[8], most = 0, moved = 0;
+    int inside = 0;
+    if (n->children[child] != ADF_NONE) return false;
     for (uint32_t i = 0; i < 8; i++) {
         uint32_t s = df_family_corner(child, i);
-        double change = (double)n->final[s] - (double)n->exact[s];
-        moved = fmax(moved, fabs(change - (double)n->fit[child][i]));
-        if (fabs(change) < most) continue;
-        most = fabs(change);
+        inside += n->final[s] < 0;
+        float change = n->final[s] - n->exact[s];
+        moves[i] = change - n->fit[child][i];
+        moved = fmaxf(moved, fabsf(moves[i]));
+        if (fabsf(change) < most) continue;
+        most = fabsf(change);
         worst = s;
     }
-    if (n->fitted[child] ? moved + (double)n->misfit[child] <= bound : moved <= IMPOSE_SHARE * t->input->max_error)
-        return false;
-    if (find_imposing(t, f, worst, task)) return adf_side(t, adf_node_at(t, task->parent)->level) > 1;
-    *task = (adf_task){t->order[f], child, true};
+    if (!n->crossed[child] && (inside == 0 || inside == 8))
+        return false; /* otherwise it is made a leaf at the surface */
+    const double bound = TRIED_SHARE * t->input->max_error;
+    const double least = (double)moved + (n->fitted[child] ? (double)n->misfit[child] : untried_error(t, f));
+    const bool steep = round < SLOPE_ROUNDS && least > SLOPE_SHARE * t->slope / side;
+    if (!steep && (least <= bound || (n->fitted[child] && error_of(n, child, moves) <= bound))) return false;
+    if (find_imposing(t, f, worst, task)) {
+        return adf_side(t, adf_node_at(t, task->parent)->level) > 1;
+    }
+    *task = (adf_task){.parent = t->order[f], .child = child, .forced = true};
     return side > 1;
 }
 
@@ -220,7 +254,7 @@ static int compare_tasks(const void *x, const void *y) {
     return l->child < r->child ? -1 : l->child > r->child;
 }
 
-df_status adf_find_spoiled(const adf_tree *t, adf_task **tasks, uint32_t *count, df_error *err) {
+df_status adf_find_spoiled(const adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err) {
     uint32_t found = 0, unique = 0;
     *count = 0;
     df_status status = df_alloc_raw((void **)tasks, 8 * (uint64_t)t->family_count, sizeof **tasks, "octree", err);
@@ -229,7 +263,7 @@ df_status adf_find_spoiled(const adf_tree *t, adf_task **tasks, uint32_t *count,
     for (uint32_t f = 0; f < t->family_count; f++) {
         for (uint32_t c = 0; c < 8; c++) {
             adf_task task;
-            if (!is_spoiled(t, f, c, &task)) continue;
+            if (!is_spoiled(t, f, c, round, &task)) continue;
             uint32_t at;
 #pragma omp atomic capture
             at = found++;

@@ -18,9 +18,14 @@ typedef struct adf_node {
     uint8_t crossed[8];   /* the surface may cross the child */
     uint8_t fitted[8];    /* fit and misfit are known: of undivided crossed children larger than a voxel */
     float fit[8][8];      /* by child: its corners where they fit its samples best, less the exact ones */
-    float misfit[8];      /* the largest error with those */
-    float exact[27];      /* signed distances */
-    float final[27];      /* what is stored; see adf_fit.c */
+    float misfit[8];    /* the largest error with those at the 27 samples and at points of faces; of divided children as
+                           well, at the samples */
+    int8_t left[8][27]; /* the error at the samples, in 127ths of it */
+    int8_t at_face[8];  /* and at the point of a face that is worst off, */
+    uint8_t face[8][3]; /* which lies there, in 255ths of a side */
+    float rms[8];       /* its root mean square, of divided children as well */
+    float exact[27];    /* signed distances */
+    float final[27];    /* what is stored; see adf_fit.c */
 } adf_node;
 
 /* Nodes live in chunks, which threads fill on their own. */
@@ -30,6 +35,8 @@ typedef struct adf_node {
 typedef struct adf_tree {
     const df_adf_input *input;
     uint32_t level_count;
+    double slope;           /* df_adf_input.rms_slope */
+    bool pilot;             /* only a part of the cells of ADF_PILOT_LEVEL is divided */
     df_winding_slab *slabs; /* winding numbers of all samples, ADF_SLAB layers each; NULL for signed sources */
     uint32_t slab_count;
     adf_node **chunks;
@@ -44,6 +51,8 @@ typedef struct adf_tree {
 } adf_tree;
 
 #define ADF_SLAB 16u
+#define ADF_PILOT_LEVEL 4
+#define ADF_PILOT_PART 8 /* 1 of so many cells */
 
 static inline adf_node *adf_node_at(const adf_tree *t, uint32_t number) {
     return &t->chunks[number / ADF_CHUNK][number % ADF_CHUNK];
@@ -67,6 +76,6 @@ df_status adf_number(adf_tree *t, df_error *err);
 /* Sets the final values of all nodes, and lists the leaves that must be divided, without repetition: *tasks is owned by
  * the caller. */
 df_status adf_fit(adf_tree *t, df_error *err);
-df_status adf_find_spoiled(const adf_tree *t, adf_task **tasks, uint32_t *count, df_error *err);
+df_status adf_find_spoiled(const adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err);
 
 #endif

@@ -34,6 +34,12 @@ static const char *const sign_names[] = {"auto", "winding", "parity", "normal", 
 static const char *const sample_names[] = {"f32", "u16", "u8", "auto", NULL};
 static const char *const structure_names[] = {"bricks", "dense", "adf", NULL};
 
+/* How large an error may be. */
+typedef struct error_bound {
+    double value;  /* negative: not given */
+    bool in_world; /* world units, otherwise voxels */
+} error_bound;
+
 /* What the command line asks for. */
 typedef struct request {
     const char *input;
@@ -41,8 +47,7 @@ typedef struct request {
     uint32_t resolution; /* 0: not given */
     double voxel_size;   /* 0: not given */
     double padding;      /* voxels */
-    double max_error;    /* negative: not given */
-    bool error_in_world; /* max_error is in world units, otherwise voxels */
+    error_bound max_error, rms_error;
     bool allow_partial;
     uint32_t measure; /* points to measure the error at */
     bool measure_given;
@@ -75,6 +80,7 @@ enum {
     KEY_CHECK,
     KEY_REPAIR,
     KEY_MAX_ERROR,
+    KEY_RMS_ERROR,
     KEY_PARTIAL,
     KEY_MEASURE,
     KEY_SAMPLES,
@@ -110,11 +116,15 @@ static const struct argp_option options[] = {
      2},
     {"max-error", KEY_MAX_ERROR, "E[w]", 0,
      "the largest error near the surface, in voxels (of the finest level), or world units with a w behind. Octrees are "
-     "divided as far as it asks "
-     "(default 0.1, as far as the finest level reaches); other structures get the resolution that it asks, unless that "
-     "is given",
+     "divided as far as it asks (default 0.1 where --rms-error is not given either, as far as the finest level "
+     "reaches); "
+     "other structures get the resolution that it asks, unless that is given",
      2},
-    {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error cannot be reached", 2},
+    {"rms-error", KEY_RMS_ERROR, "R[w]", 0,
+     "the same for the root mean square over the surface. Octrees are divided where that lowers it most; with "
+     "--max-error, both hold",
+     2},
+    {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error or --rms-error cannot be reached", 2},
     {"measure", KEY_MEASURE, "N", 0, "random points at which the error is measured, 0 for none (default 20000)", 2},
     {0, 0, 0, 0, "Inside and outside", 3},
     {"sign", KEY_SIGN, "NAME", 0,
@@ -146,15 +156,15 @@ static const char doc[] =
     "The output's extension chooses its format: .dfield, .vdb, .npy, .nrrd.\n\n"
     "Example: df-convert bunny.obj --resolution 256 && df-render bunny.dfield";
 
-static df_status parse_max_error(request *r, const char *arg) {
+static df_status parse_bound(const char *option, const char *arg, error_bound *bound, df_error *err) {
     char number[64];
     size_t length = strlen(arg);
-    r->error_in_world = length > 1 && arg[length - 1] == 'w';
-    if (length - r->error_in_world >= sizeof number)
-        return df_fail(r->err, DF_ERROR_USAGE, "--max-error %s: expected a number", arg);
+    bound->in_world = length > 1 && arg[length - 1] == 'w';
+    if (length - bound->in_world >= sizeof number)
+        return df_fail(err, DF_ERROR_USAGE, "%s %s: expected a number", option, arg);
     memcpy(number, arg, length + 1);
-    if (r->error_in_world) number[length - 1] = 0;
-    return df_parse_double("--max-error", number, 0, 1e30, &r->max_error, r->err);
+    if (bound->in_world) number[length - 1] = 0;
+    return df_parse_double(option, number, 0, 1e30, &bound->value, err);
 }
 
 static df_status parse_value(request *r, int key, const char *arg) {
@@ -165,7 +175,8 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_VOXEL_SIZE: return df_parse_double("--voxel-size", arg, 1e-30, 1e30, &r->voxel_size, r->err);
     case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
     case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
-    case KEY_MAX_ERROR: return parse_max_error(r, arg);
+    case KEY_MAX_ERROR: return parse_bound("--max-error", arg, &r->max_error, r->err);
+    case KEY_RMS_ERROR: return parse_bound("--rms-error", arg, &r->rms_error, r->err);
     case KEY_MEASURE: r->measure_given = true; return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
     case KEY_SAMPLES: return df_parse_name("--samples", arg, sample_names, &r->samples, r->err);
     case KEY_SIGN: return df_parse_name("--sign", arg, sign_names, &r->sign, r->err);
@@ -192,6 +203,7 @@ static void note_option(request *r, int key) {
     if (key == KEY_DISTANCE) r->mesh_option = "--distance";
     if (key == KEY_SIGN) r->mesh_option = "--sign";
     if (key == KEY_MAX_ERROR) r->mesh_option = "--max-error";
+    if (key == KEY_RMS_ERROR) r->mesh_option = "--rms-error";
     if (key == KEY_MEASURE) r->mesh_option = "--measure";
     if (key == KEY_SAMPLES) r->mesh_option = "--samples";
     r->structure_given = r->structure_given || key == KEY_STRUCTURE;
@@ -264,8 +276,12 @@ static df_status check_request(const request *r, df_error *err) {
     if (r->structure == DF_FIELD_ADF && r->distance == DISTANCE_OPENVDB) {
         return df_fail(err, DF_ERROR_USAGE, "--structure adf needs exact distances, --distance openvdb has none");
     }
-    if ((r->max_error >= 0 || r->samples == SAMPLES_AUTO) && (r->measure == 0 || r->distance == DISTANCE_OPENVDB)) {
-        return df_fail(err, DF_ERROR_USAGE, "%s needs %s", r->max_error >= 0 ? "--max-error" : "--samples auto",
+    const char *option = r->max_error.value >= 0      ? "--max-error"
+                         : r->rms_error.value >= 0    ? "--rms-error"
+                         : r->samples == SAMPLES_AUTO ? "--samples auto"
+                                                      : NULL;
+    if (option && (r->measure == 0 || r->distance == DISTANCE_OPENVDB)) {
+        return df_fail(err, DF_ERROR_USAGE, "%s needs %s", option,
                        r->measure == 0 ? "points to --measure" : "exact distances, --distance openvdb has none");
     }
     if (r->measure_given && r->measure && r->distance == DISTANCE_OPENVDB) {
@@ -387,15 +403,28 @@ static df_status check_signs(const surface *s, const df_field *field, df_convert
     return DF_OK;
 }
 
+/* The bound on the largest error; octrees always have one. */
+static error_bound bound_of(const request *r) {
+    if (r->max_error.value >= 0 || r->structure != DF_FIELD_ADF) return r->max_error;
+    return (error_bound){r->rms_error.value >= 0 ? (double)INFINITY : 0.1, false};
+}
+
+/* In world units; INFINITY where there is none. */
+static double bound_in_world(const error_bound *bound, double voxel_size) {
+    if (bound->value < 0) return INFINITY;
+    return bound->in_world ? bound->value : bound->value * voxel_size;
+}
+
 /* The options that shaped the field, for the provenance. */
 static json_t *json_options(const request *r) {
     json_t *o = json_pack("{s:s, s:f}", "structure", df_field_kind_name(r->structure), "padding", r->padding);
     json_object_set_new(o, "samples", json_string(sample_names[r->samples]));
     if (r->voxel_size > 0) json_object_set_new(o, "voxel_size", json_real(r->voxel_size));
     else json_object_set_new(o, "resolution", json_integer(r->resolution ? r->resolution : 256));
-    if (r->structure == DF_FIELD_ADF || r->max_error >= 0)
-        json_object_set_new(o, r->error_in_world ? "max_error_world" : "max_error",
-                            json_real(r->max_error < 0 ? 0.1 : r->max_error));
+    const error_bound largest = bound_of(r), *rms = &r->rms_error;
+    if (largest.value >= 0 && isfinite(largest.value))
+        json_object_set_new(o, largest.in_world ? "max_error_world" : "max_error", json_real(largest.value));
+    if (rms->value >= 0) json_object_set_new(o, rms->in_world ? "rms_error_world" : "rms_error", json_real(rms->value));
     if (r->structure == DF_FIELD_BRICKS) json_object_set_new(o, "brick", json_integer(r->brick_size));
     return o;
 }
@@ -457,14 +486,10 @@ static df_status check_surface(const char *name, const df_field *field, df_error
                    name, field->voxel_size[0]);
 }
 
-/* The bound on the error in world units. */
-static double max_error_world(const request *r, double voxel_size) {
-    if (r->max_error < 0) return 0.1 * voxel_size;
-    return r->error_in_world ? r->max_error : r->max_error * voxel_size;
-}
-
+/* slope: 0, or what to use in place of an estimate; see df_adf_input.rms_slope. Becomes what was used. */
 static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source,
-                           df_field *field, df_convert_report *report, df_error *err) {
+                           double *slope, df_field *field, df_convert_report *report, df_error *err) {
+    const error_bound largest = bound_of(r);
     const bool from_tree = !report->is_shape && r->distance == DISTANCE_EXACT;
     df_face_tree made = {0};
     df_shape_cells cells = {&s->shape, lattice};
@@ -479,8 +504,9 @@ static df_status build_adf(const request *r, surface *s, const df_lattice *latti
                           .crosses_context = &cells,
                           .mesh = report->is_shape ? NULL : &s->mesh,
                           .sign = &s->sign,
-                          .max_error = max_error_world(r, lattice->voxel_size),
-                          .rms_slope = (double)INFINITY,
+                          .max_error = bound_in_world(&largest, lattice->voxel_size),
+                          .rms_error = bound_in_world(&r->rms_error, lattice->voxel_size),
+                          .rms_slope = *slope,
                           .quiet = r->quiet};
     df_status status = DF_OK;
     if (input.tree == &made) status = df_face_tree_make(&s->mesh, &made, err);
@@ -488,6 +514,7 @@ static df_status build_adf(const request *r, surface *s, const df_lattice *latti
     df_adf_report adf;
     status = df_adf_build(&input, field, &adf, err);
     df_face_tree_free(&made);
+    *slope = adf.rms_slope;
     report->build.samples_computed = adf.samples_computed;
     report->build.sign_ms = adf.sign_ms;
     report->build.distance_ms = adf.divide_ms;
@@ -509,28 +536,30 @@ static df_status measure_error(const request *r, const surface *s, const df_dist
     return status;
 }
 
-static bool error_is_reached(const request *r, const df_field *field) {
-    return r->max_error < 0 || field->error_max <= max_error_world(r, field->voxel_size[0]);
+/* By how much the error is larger than asked, as a factor. */
+static double excess_error(const request *r, const df_field *field) {
+    double size = field->voxel_size[0], largest = bound_in_world(&r->max_error, size),
+           rms = bound_in_world(&r->rms_error, size);
+    return fmax(field->error_max / fmax(largest, 1e-300), field->error_rms / fmax(rms, 1e-300));
 }
 
-/* Stores the samples as --samples asks, and measures again. */
-static df_status store_samples(const request *r, const surface *s, const df_distance_source *source, df_field *field,
-                               df_convert_report *report, df_error *err) {
-    static const df_sample_type smallest_first[] = {DF_SAMPLE_U8, DF_SAMPLE_U16};
-    double largest = 1.1 * field->error_max, rms = 1.1 * field->error_rms;
-    if (r->max_error >= 0 && error_is_reached(r, field)) {
-        largest = max_error_world(r, field->voxel_size[0]);
-        rms = INFINITY;
-    }
-    for (int i = 0; i < 2 && r->samples != SAMPLES_F32; i++) {
+/* Quantises the samples, and measures again. */
+static df_status quantise(const request *r, const surface *s, df_sample_type type, df_field *field, df_field *smaller,
+                          df_convert_report *report, df_error *err) {
+    df_status status = df_quantise(field, type, smaller, err);
+    return status == DF_OK ? measure_error(r, s, &s->source, smaller, report, err) : status;
+}
+
+/* The smallest type that keeps the error as --samples auto says. */
+static df_status quantise_as_fits(const request *r, const surface *s, df_field *field, df_convert_report *report,
+                                  df_error *err) {
+    const double largest = 1.1 * field->error_max, rms = 1.1 * field->error_rms;
+    const bool bounded = (r->max_error.value >= 0 || r->rms_error.value >= 0) && excess_error(r, field) <= 1;
+    for (int type = DF_SAMPLE_U8; type > DF_SAMPLE_F32; type--) {
         df_field smaller;
-        if (r->samples != SAMPLES_AUTO &&
-            smallest_first[i] != (r->samples == SAMPLES_U16 ? DF_SAMPLE_U16 : DF_SAMPLE_U8))
-            continue;
-        df_status status = df_quantise(field, smallest_first[i], &smaller, err);
-        if (status == DF_OK) status = measure_error(r, s, source, &smaller, report, err);
+        df_status status = quantise(r, s, (df_sample_type)type, field, &smaller, report, err);
         if (status != DF_OK) return status;
-        if (r->samples != SAMPLES_AUTO || (smaller.error_max <= largest && smaller.error_rms <= rms)) {
+        if (bounded ? excess_error(r, &smaller) <= 1 : smaller.error_max <= largest && smaller.error_rms <= rms) {
             df_field_free(field);
             *field = smaller;
             return DF_OK;
@@ -540,14 +569,49 @@ static df_status store_samples(const request *r, const surface *s, const df_dist
     return DF_OK;
 }
 
+/* Stores the samples as --samples asks, and measures the error. */
+static df_status store_samples(const request *r, const surface *s, df_field *field, df_convert_report *report,
+                               df_error *err) {
+    if (r->samples == SAMPLES_U16 || r->samples == SAMPLES_U8) {
+        df_field smaller;
+        df_status status =
+            quantise(r, s, r->samples == SAMPLES_U16 ? DF_SAMPLE_U16 : DF_SAMPLE_U8, field, &smaller, report, err);
+        if (status != DF_OK) return status;
+        df_field_free(field);
+        *field = smaller;
+        return DF_OK;
+    }
+    df_status status = measure_error(r, s, &s->source, field, report, err);
+    return status == DF_OK && r->samples == SAMPLES_AUTO ? quantise_as_fits(r, s, field, report, err) : status;
+}
+
 static df_status check_error(const request *r, const df_field *field, df_error *err) {
-    if (r->allow_partial || error_is_reached(r, field)) return DF_OK;
-    return df_fail(
-        err, DF_ERROR_INPUT,
-        "%s: --max-error %g %s cannot be reached with voxels of %g: the error is %g; raise --resolution, or pass "
-        "--allow-partial",
-        r->input, r->max_error, r->error_in_world ? "world units" : "voxels", field->voxel_size[0],
-        field->error_max / (r->error_in_world ? 1 : field->voxel_size[0]));
+    if (r->allow_partial || !(excess_error(r, field) > 1)) return DF_OK;
+    const bool largest = field->error_max > bound_in_world(&r->max_error, field->voxel_size[0]);
+    const error_bound *bound = largest ? &r->max_error : &r->rms_error;
+    return df_fail(err, DF_ERROR_INPUT,
+                   "%s: --%s-error %g %s cannot be reached with voxels of %g: the error is %g; raise --resolution, or "
+                   "pass --allow-partial",
+                   r->input, largest ? "max" : "rms", bound->value, bound->in_world ? "world units" : "voxels",
+                   field->voxel_size[0],
+                   (largest ? field->error_max : field->error_rms) / (bound->in_world ? 1 : field->voxel_size[0]));
+}
+
+/* Builds an octree; again where the root mean square is larger than asked, as its estimate from a part of the octree
+ * may have been too low. It grows about as the square root of the slope. */
+#define ADF_ATTEMPTS 4
+static df_status build_octree(const request *r, surface *s, const df_lattice *lattice, df_field *field,
+                              df_convert_report *report, df_error *err) {
+    const double rms = bound_in_world(&r->rms_error, lattice->voxel_size);
+    double slope = 0;
+    for (int attempt = 1;; attempt++) {
+        df_status status = build_adf(r, s, lattice, &s->source, &slope, field, report, err);
+        if (status == DF_OK) status = check_surface(r->input, field, err);
+        if (status == DF_OK) status = store_samples(r, s, field, report, err);
+        if (status != DF_OK || !(field->error_rms > rms) || attempt == ADF_ATTEMPTS) return status;
+        slope *= pow(0.97 * rms / field->error_rms, 2);
+        df_field_free(field);
+    }
 }
 
 static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
@@ -573,12 +637,13 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
                             .keep = df_shape_keeps_cell,
                             .keep_context = &shape_cells,
                             .quiet = r->quiet};
-    if (status == DF_OK && r->structure == DF_FIELD_ADF)
-        status = build_adf(r, s, &lattice, &s->source, field, report, err);
-    else if (status == DF_OK) status = df_build(&input, field, &report->build, err);
-    if (status == DF_OK) status = check_surface(r->input, field, err);
-    if (status == DF_OK) status = measure_error(r, s, &s->source, field, report, err);
-    if (status == DF_OK) status = store_samples(r, s, &s->source, field, report, err);
+    if (status == DF_OK && r->structure == DF_FIELD_ADF) {
+        status = build_octree(r, s, &lattice, field, report, err);
+    } else if (status == DF_OK) {
+        status = df_build(&input, field, &report->build, err);
+        if (status == DF_OK) status = check_surface(r->input, field, err);
+        if (status == DF_OK) status = store_samples(r, s, field, report, err);
+    }
     if (status != DF_OK) df_field_free(field);
     return status;
 }
@@ -590,12 +655,12 @@ static df_status build_field(const request *r, surface *s, df_field *field, df_c
 static df_status build_as_asked(const request *r, surface *s, df_field *field, df_convert_report *report,
                                 df_error *err) {
     request attempt = *r;
-    bool search = r->max_error >= 0 && r->structure != DF_FIELD_ADF && r->resolution == 0 && !(r->voxel_size > 0);
+    bool bounded = r->max_error.value >= 0 || r->rms_error.value >= 0;
+    bool search = bounded && r->structure != DF_FIELD_ADF && r->resolution == 0 && !(r->voxel_size > 0);
     if (search) attempt.resolution = SEARCH_FIRST + (uint32_t)(2 * r->padding);
     df_status status = build_field(&attempt, s, field, report, err);
-    while (search && status == DF_OK && !error_is_reached(r, field) && attempt.resolution < SEARCH_LAST) {
-        double excess = field->error_max / fmax(max_error_world(r, field->voxel_size[0]), 1e-300);
-        double next = ceil(attempt.resolution * fmin(fmax(1.03 * excess, 1.1), 3));
+    while (search && status == DF_OK && excess_error(r, field) > 1 && attempt.resolution < SEARCH_LAST) {
+        double next = ceil(attempt.resolution * fmin(fmax(1.03 * excess_error(r, field), 1.1), 3));
         attempt.resolution = next < SEARCH_LAST ? (uint32_t)next : SEARCH_LAST;
         df_field_free(field);
         status = build_field(&attempt, s, field, report, err);
@@ -662,8 +727,13 @@ static char *default_output(const char *input) {
 
 int main(int argc, char **argv) {
     df_error err = {0};
-    request r = {
-        .structure = DF_FIELD_BRICKS, .brick_size = 8, .padding = 3, .max_error = -1, .measure = 20000, .err = &err};
+    request r = {.structure = DF_FIELD_BRICKS,
+                 .brick_size = 8,
+                 .padding = 3,
+                 .max_error = {-1, false},
+                 .rms_error = {-1, false},
+                 .measure = 20000,
+                 .err = &err};
     const struct argp argp = {options, parse_option, "INPUT", doc, 0, 0, 0};
     df_interrupt_install(PROGRAM);
     argp_err_exit_status = 2;

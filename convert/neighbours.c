@@ -39,6 +39,7 @@ static void list_cells(uint32_t sample, df_sample_cells *cells) {
             there += weight * (step == 1 ? at[a] : 2 - at[a]);
         }
         if (!exists) continue;
+        cells->mask |= 1u << direction;
         cells->directions[cells->count] = (uint8_t)direction;
         cells->samples[cells->count++] = (uint8_t)there;
     }
@@ -68,12 +69,10 @@ void df_neighbours_free(df_neighbours *neighbours) {
 
 uint32_t df_hanging_samples(const df_neighbours *neighbours, uint32_t family) {
     const uint32_t *around = neighbours->around[family];
-    uint32_t hanging = 0;
-    for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) {
-        const df_sample_cells *cells = &neighbours->cells[s];
-        for (uint32_t i = 0; i < cells->count; i++) {
-            hanging |= (uint32_t)(around[cells->directions[i]] == DF_NEIGHBOUR_LEAF) << s;
-        }
+    uint32_t leaves = 0, hanging = 0;
+    for (uint32_t d = 0; d < 27; d++) leaves |= (uint32_t)(around[d] == DF_NEIGHBOUR_LEAF) << d;
+    for (uint32_t s = 0; leaves && s < DF_FAMILY_SAMPLE_COUNT; s++) {
+        hanging |= (uint32_t)((leaves & neighbours->cells[s].mask) != 0) << s;
     }
     return hanging;
 }

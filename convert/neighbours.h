@@ -12,6 +12,7 @@
 
 /* The cells of a family's size around one of its samples, the family's own among them. */
 typedef struct df_sample_cells {
+    uint32_t mask; /* of the directions */
     uint8_t count;
     uint8_t directions[8]; /* into df_neighbours.around, in the order of their places: the same for all that share it */
     uint8_t samples[8];    /* which of their 27 samples it is there */
