@@ -25,7 +25,8 @@ static void check_sample(const df_field *field, const df_mesh *mesh, const uint3
     df_field_grid_to_world(field, grid, p);
     double exact = stored || sign ? oracle_distance(mesh->positions, mesh->faces, mesh->face_count, p) : 0;
     if (stored) {
-        double difference = fabs(fabs((double)value) - exact), ulp = exact * (double)FLT_EPSILON;
+        double difference = fabs(fabs((double)value) - exact),
+               ulp = fmax(exact * (double)FLT_EPSILON, (double)FLT_TRUE_MIN);
         t->stored++;
         if (difference > tolerance) t->worst_ulp = fmax(t->worst_ulp, difference / ulp);
         if (difference > fmax(tolerance, ulp)) {
