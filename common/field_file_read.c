@@ -219,7 +219,7 @@ static df_status verify_body(const source *file, bool mapped, df_error *err) {
                 continue;
             }
         }
-        if (df_crc32c(0, file->bytes + offset, part) != expected[block] && block < damaged) damaged = block;
+        if (block < damaged && df_crc32c(0, file->bytes + offset, part) != expected[block]) damaged = block;
     }
     if (status != DF_OK) return status;
     if (damaged != UINT64_MAX) {

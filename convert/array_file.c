@@ -143,7 +143,7 @@ static df_status read_nrrd(FILE *file, const char *path, array *out, df_error *e
     if (length < 8 || strncmp(line, "NRRD000", 7) != 0)
         status = df_fail(err, DF_ERROR_FORMAT, "%s: no .nrrd file", path);
     for (int a = 0; a < 3; a++) out->voxel_size[a] = 1;
-    while (status == DF_OK && !ended && (length = getline(&line, &capacity, file)) > 0 && ftell(file) < HEADER_MAX) {
+    while (status == DF_OK && !ended && getline(&line, &capacity, file) > 0 && ftell(file) < HEADER_MAX) {
         line[strcspn(line, "\r\n")] = 0;
         ended = !*line;
         char *colon = strstr(line, ": ");

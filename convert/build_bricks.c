@@ -227,10 +227,9 @@ static void tokens_from_source(const builder *b, uint32_t *tokens) {
 /* For each of the 27 cells around a brick (bit dx+1 + 3 * (dy+1 + 3 * (dz+1))): 1 where a surface voxel of the brick
  * lies within one voxel of it. */
 static uint32_t needed_neighbours(const builder *b, uint32_t brick) {
-    uint32_t rows[SIDE_MAX * SIDE_MAX], k = b->lattice->brick_size, side = b->side, needed = 0;
+    uint32_t rows[SIDE_MAX * SIDE_MAX] = {0}, k = b->lattice->brick_size, side = b->side, needed = 0;
     const float *samples = b->samples + brick * b->brick_samples;
     for (uint32_t r = 0; r < side * side; r++) {
-        rows[r] = 0;
         for (uint32_t x = 0; x < side; x++) rows[r] |= (uint32_t)(samples[r * side + x] < 0) << x;
     }
     for (uint32_t z = 0; z < k; z++) {

@@ -72,7 +72,10 @@ static df_status weld_vertices(const df_mesh *mesh, uint32_t *map, uint32_t *wel
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         const double *p = mesh->positions + (size_t)v * 3;
         uint32_t slot = (uint32_t)hash_position(p) & mask;
-        while (table[slot] && memcmp(mesh->positions + (size_t)(table[slot] - 1) * 3, p, 3 * sizeof *p) != 0) {
+        /* the reader has made -0 zero: equal positions have equal bytes */
+        while (table[slot] &&
+               // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+               memcmp(mesh->positions + (size_t)(table[slot] - 1) * 3, p, 3 * sizeof *p) != 0) {
             slot = (slot + 1) & mask;
         }
         if (!table[slot]) table[slot] = v + 1;

@@ -260,7 +260,7 @@ static df_status run_parts(df_devices *d, df_error *err) {
 df_status df_devices_frame(df_devices *d, const df_view *view, const df_picture *picture, df_frame_stats *stats,
                            df_error *err) {
     const double start = df_now_ms();
-    uint32_t rows[DF_DEVICE_MAX], first = 0;
+    uint32_t rows[DF_DEVICE_MAX] = {0}, first = 0;
     double ms[DF_DEVICE_MAX];
     df_devices_divide(d->shares, d->part_count, view->height, rows);
     for (uint32_t i = 0; i < d->part_count; i++) {

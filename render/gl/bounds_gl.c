@@ -41,7 +41,7 @@ static df_status upload(df_bounds_gl *b, const uint16_t (*boxes)[6], df_error *e
     glBindBuffer(GL_ARRAY_BUFFER, b->buffer);
     glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)((size_t)b->box_count * sizeof *boxes), boxes, GL_STATIC_DRAW);
     for (GLuint i = 0; i < 2; i++) {
-        glVertexAttribPointer(i, 3, GL_UNSIGNED_SHORT, GL_FALSE, sizeof *boxes, (const char *)NULL + i * 6);
+        glVertexAttribPointer(i, 3, GL_UNSIGNED_SHORT, GL_FALSE, sizeof *boxes, (const void *)(uintptr_t)(i * 6));
         glVertexAttribDivisor(i, 1);
         glEnableVertexAttribArray(i);
     }

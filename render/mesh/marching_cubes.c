@@ -520,7 +520,7 @@ static df_status make_scratch(scratch **all, int count, df_error *err) {
 static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh *mesh, df_error *err) {
     df_status status = list_blocks(g, all, err);
     if (status != DF_OK) return status;
-    int threads = df_mc_threads(&g->params);
+    int threads = df_mc_threads(&g->params); // NOLINT(clang-analyzer-deadcode.DeadStores): the pragma reads it
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads)
     for (uint32_t i = 0; i < g->block_count; i++) count_block(g, &g->blocks[i], &all[omp_get_thread_num()]);
     uint64_t vertex_count, triangle_count, incomplete = 0;

@@ -309,6 +309,7 @@ static double distance2(const double a[3], const double b[3]) {
 static double join_ring(df_mc_patch *patch, const uint32_t *loop, uint32_t size, uint32_t waist, bool backwards,
                         bool add) {
     uint32_t i0 = 0, j0 = 0;
+    assert(size > 0);
     for (uint32_t i = 0; i < size; i++) {
         for (uint32_t j = 0; j < 6; j++) {
             if (distance2(patch->positions[loop[i]], patch->positions[waist + j]) <

@@ -258,7 +258,7 @@ static df_status join_beyond(const octree *o, scratch *s, const df_adf_cell *cel
     }
     uint32_t axis = face / 2, half = cell->side / 2;
     for (uint32_t child = 0; child < 8; child++) {
-        df_adf_cell part;
+        df_adf_cell part = {0};
         uint32_t voxel[3];
         if ((child >> axis & 1) != (face & 1)) continue;
         for (uint32_t a = 0; a < 3; a++) voxel[a] = cell->corner[a] + (child >> a & 1) * half;

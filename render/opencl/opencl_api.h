@@ -10,19 +10,20 @@
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 
-#define DF_OPENCL_FUNCTIONS(X)                                                                                    \
-    X(GetPlatformIDs)                                                                                             \
-    X(GetPlatformInfo)                                                                                            \
-    X(GetDeviceIDs)                                                                                               \
-    X(GetDeviceInfo)                                                                                              \
-    X(CreateContext) X(ReleaseContext) X(CreateCommandQueue) X(ReleaseCommandQueue) X(CreateProgramWithSource)    \
-        X(BuildProgram) X(GetProgramBuildInfo) X(ReleaseProgram) X(CreateKernel) X(ReleaseKernel) X(SetKernelArg) \
-            X(GetKernelWorkGroupInfo) X(CreateBuffer) X(CreateImage) X(ReleaseMemObject) X(EnqueueWriteBuffer)    \
-                X(EnqueueReadBuffer) X(EnqueueWriteImage) X(EnqueueNDRangeKernel) X(Flush) X(Finish)              \
+#define DF_OPENCL_FUNCTIONS(X)                                                                                 \
+    X(GetPlatformIDs)                                                                                          \
+    X(GetPlatformInfo)                                                                                         \
+    X(GetDeviceIDs)                                                                                            \
+    X(GetDeviceInfo)                                                                                           \
+    X(CreateContext)                                                                                           \
+    X(ReleaseContext) X(CreateCommandQueue) X(ReleaseCommandQueue) X(CreateProgramWithSource) X(BuildProgram)  \
+        X(GetProgramBuildInfo) X(ReleaseProgram) X(CreateKernel) X(ReleaseKernel) X(SetKernelArg)              \
+            X(GetKernelWorkGroupInfo) X(CreateBuffer) X(CreateImage) X(ReleaseMemObject) X(EnqueueWriteBuffer) \
+                X(EnqueueReadBuffer) X(EnqueueWriteImage) X(EnqueueNDRangeKernel) X(Flush) X(Finish)           \
                     X(GetEventProfilingInfo) X(ReleaseEvent)
 
 typedef struct df_opencl_api {
-#define DF_OPENCL_MEMBER(name) __typeof__(cl##name) *name;
+#define DF_OPENCL_MEMBER(name) __typeof__(cl##name) *name; // NOLINT(bugprone-macro-parentheses)
     DF_OPENCL_FUNCTIONS(DF_OPENCL_MEMBER)
 #undef DF_OPENCL_MEMBER
 } df_opencl_api;
