@@ -119,8 +119,10 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     if (d->frame.filter)
         return df_fail(err, DF_ERROR_USAGE, "--filter %s is the CPU's: OpenCL devices interpolate trilinearly",
                        df_filter_names[d->frame.filter]);
-    if (d->frame.walk.bounds)
-        return df_fail(err, DF_ERROR_USAGE, "--bounds %s is the CPU's: OpenCL devices walk whole rays",
+    if (d->frame.walk.bounds == DF_BOUNDS_GL)
+        return df_fail(err, DF_ERROR_USAGE, "--bounds gl is the CPU's: OpenCL devices have bricks and voxels");
+    if (d->frame.walk.bounds && tracer == DF_OPENCL_ADF)
+        return df_fail(err, DF_ERROR_USAGE, "--bounds %s: octrees have no use for it",
                        df_bounds_names[d->frame.walk.bounds]);
     status = df_opencl_choose(d->list, d->list_count, wanted, d->options.choice.automatic, &part->number, err);
     if (status != DF_OK) return status;
@@ -129,6 +131,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
                                        .solve = d->frame.solve,
                                        .steps = d->frame.steps,
                                        .gradient = d->frame.gradient,
+                                       .bounds = d->frame.walk.bounds,
+                                       .threads = d->frame.threads,
                                        .group = {group[0] ? group[0] : packet, group[0] ? group[1] : packet},
                                        .images = d->options.images,
                                        .log = d->options.messages};
@@ -230,6 +234,7 @@ static void *run_part(void *opaque) {
     } else {
         part->status = df_opencl_renderer_rows(part->opencl, part->view, part->first_row, part->row_count,
                                                part->picture, &part->times, &part->error);
+        part->stats.begin_ms = part->times.bounds_ms;
         part->stats.trace_ms = part->times.trace_ms;
         part->stats.shade_ms = part->times.shade_ms;
     }

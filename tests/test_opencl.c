@@ -385,6 +385,52 @@ static void strips_of_rows_make_the_picture_and_counts_are_equal(void **state) {
     df_field_free(&field);
 }
 
+static void bounds_change_no_hit_and_save_steps(void **state) {
+    (void)state;
+    const double orbits[][3] = {{30, 20, 1.3}, {30, 20, 500}, {200, -40, 0.45}};
+    const int forms[] = {0, 2, 3};
+    for (int way = 0; way < 12; way++) {
+        const int bounds = way & 1 ? DF_BOUNDS_VOXELS : DF_BOUNDS_BRICKS;
+        const df_opencl_options options = {.tracer = way & 2 ? DF_OPENCL_CGT : DF_OPENCL_DDA,
+                                           .solve = DF_SOLVE_ROBUST,
+                                           .gradient = DF_GRADIENT_CENTRAL,
+                                           .bounds = bounds,
+                                           .threads = 2,
+                                           .log = stderr};
+        df_field field;
+        df_scene scene;
+        df_opencl_renderer *renderer;
+        df_error err;
+        make_scene(&structures[forms[way / 4]], DF_SAMPLE_F32, 0, &field, &scene);
+        df_status status = df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err);
+        if (status != DF_OK) fail_msg("%s", err.text);
+        for (int i = 0; i < 3; i++) {
+            df_view view;
+            df_picture expected = {0}, got = {0};
+            df_frame_stats whole;
+            df_counters counters;
+            uint64_t hitting;
+            make_view(&field, orbits[i][0], orbits[i][1], orbits[i][2], 93, 71, &view);
+            alloc_picture(&view, &expected);
+            alloc_picture(&view, &got);
+            scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, &whole);
+            assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, 13, &got, NULL, &err), DF_OK);
+            assert_int_equal(df_opencl_renderer_rows(renderer, &view, 13, view.height - 13, &got, NULL, &err), DF_OK);
+            compare(&expected, &got, DF_SOLVE_ROBUST);
+            assert_int_equal(df_opencl_renderer_count(renderer, &view, &hitting, &counters, &err), DF_OK);
+            assert_int_equal(hitting, whole.rays_hitting);
+            if (options.tracer == DF_OPENCL_DDA && i == 0)
+                assert_true(counters.coarse_steps + counters.fine_steps <
+                            (whole.counters.coarse_steps + whole.counters.fine_steps) * 9 / 10);
+            free_picture(&expected);
+            free_picture(&got);
+        }
+        df_opencl_renderer_close(renderer);
+        df_scene_free(&scene);
+        df_field_free(&field);
+    }
+}
+
 static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
     (void)state;
     enum { COUNT = 20001 };
@@ -765,6 +811,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(gradients_from_images_are_those_from_buffers),
         cmocka_unit_test(images_are_refused_where_there_are_none),
         cmocka_unit_test(iso_and_voxel_shapes_go_to_the_device),
+        cmocka_unit_test(bounds_change_no_hit_and_save_steps),
         cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
         cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),
         cmocka_unit_test(calls_that_fail_end_in_one_line_that_names_them),

@@ -126,6 +126,9 @@ static inline bool df_cgt_walk(const df_scene *scene, bool isolate, const dda_ra
     const int m = packet->main, u = packet->u, v = packet->v, slices = (int)cells[m];
     const float margin = 0.01f + 4e-6f * DF_CGT_SIZE * (float)max(cells[0], max(cells[1], cells[2]));
     for (int s = 0; s < slices; s++) {
+        const int near = packet->upward ? s : slices - s, far = packet->upward ? s + 1 : slices - 1 - s;
+        if (dda_plane_t(ray, m, (float)(far * DF_CGT_SIZE)) < ray->first) continue;
+        if (dda_plane_t(ray, m, (float)(near * DF_CGT_SIZE)) > ray->last) break;
         const float from = (float)s / slices, to = (float)(s + 1) / slices;
         int cell[3], low[2], high[2];
         bool hit = false;
@@ -146,23 +149,21 @@ static inline bool df_cgt_walk(const df_scene *scene, bool isolate, const dda_ra
     return false;
 }
 
-/* What df_trace_view does, by packets. bounds: DF_CGT_VALUES floats a work item. A work group is a packet. */
-__kernel void df_cgt_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate, __global uchar *found,
-                          __global uint4 *candidates, __global uint *counts, __local float *bounds) {
+/* What df_trace_view does, by packets. shared: DF_CGT_VALUES floats a work item. A work group is a packet. */
+__kernel void df_cgt_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate, __global const double *bounds,
+                          __global uchar *found, __global uint4 *candidates, __global uint *counts, __local float *shared) {
     const uint x = get_global_id(0), y = get_global_id(1);
     const uint items = (uint)(get_local_size(0) * get_local_size(1)), item = (uint)(get_local_id(0) + get_local_size(0) * get_local_id(1));
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    double t_base;
-    dda_ray ray = {.first = 0, .last = INFINITY};
     df_candidate candidate;
     df_counters counters = {0, 0, 0};
     /* Work items past the edge of the picture follow its last rays. */
-    df_view_ray(&view, min(x, view.width - 1), first_row + min(y, row_count - 1), ray.origin, ray.direction, &t_base);
-    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    const dda_ray ray = df_pixel_ray(&view, min(x, view.width - 1), first_row, min(y, row_count - 1), row_count, bounds);
     uint32_t cells[3];
     for (int a = 0; a < 3; a++) cells[a] = DF_LEVELS == 1 ? scene.voxel_count[a] : scene.coarse_count[a];
-    const df_cgt_packet packet = df_cgt_begin(&ray, cells, bounds, item, items);
-    const bool hit = packet.coherent ? df_cgt_walk(&scene, isolate != 0, &ray, &packet, cells, bounds, &candidate, &counters)
+    const df_cgt_packet packet = df_cgt_begin(&ray, cells, shared, item, items);
+    const bool hit = !(ray.first <= ray.last) ? false
+                     : packet.coherent ? df_cgt_walk(&scene, isolate != 0, &ray, &packet, cells, shared, &candidate, &counters)
                                      : dda_walk_scene(&scene, isolate != 0, &ray, &candidate, &counters);
     if (x < view.width && y < row_count) {
         df_store_found(hit, &candidate, &counters, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);

@@ -35,8 +35,9 @@ struct df_opencl_renderer {
     size_t group[2];
     cl_kernel kernels[KERNEL_COUNT];
     cl_mem arrays[SCENE_ARRAYS], shade_table;
-    cl_mem image; /* of the samples; NULL: gradients read the buffer */
-    frame_buffer found, candidates, counts, rgb, depth, normals, rays, t, positions;
+    cl_mem image;     /* of the samples; NULL: gradients read the buffer */
+    df_bounds bounds; /* of the view's squares, when options ask for them */
+    frame_buffer found, candidates, counts, rgb, depth, normals, rays, t, positions, intervals;
     cl_event events[8]; /* of the commands that are under way */
     uint32_t event_count;
     double upload_ms;
@@ -180,8 +181,8 @@ static df_status grow(df_opencl_renderer *r, frame_buffer *buffer, uint64_t size
 void df_opencl_renderer_close(df_opencl_renderer *r) {
     if (!r) return;
     const df_opencl_api *cl = r->device.cl;
-    const frame_buffer *buffers[] = {&r->found,   &r->candidates, &r->counts, &r->rgb,      &r->depth,
-                                     &r->normals, &r->rays,       &r->t,      &r->positions};
+    const frame_buffer *buffers[] = {&r->found,   &r->candidates, &r->counts, &r->rgb,       &r->depth,
+                                     &r->normals, &r->rays,       &r->t,      &r->positions, &r->intervals};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++) {
         if (buffers[i]->memory) cl->ReleaseMemObject(buffers[i]->memory);
     }
@@ -193,6 +194,7 @@ void df_opencl_renderer_close(df_opencl_renderer *r) {
     for (int i = 0; i < KERNEL_COUNT; i++) {
         if (r->kernels[i]) cl->ReleaseKernel(r->kernels[i]);
     }
+    df_bounds_free(&r->bounds);
     df_opencl_close(&r->device);
     free(r);
 }
@@ -301,6 +303,7 @@ df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *sc
     r->options = *options;
     if (r->options.steps == 0) r->options.steps = df_solve_steps(options->solve);
     status = df_opencl_open(info, &r->device, err);
+    if (status == DF_OK && options->bounds) status = df_bounds_prepare(scene, options->bounds, &r->bounds, err);
     if (status == DF_OK) status = upload(r, err);
     if (status == DF_OK) status = open_kernels(r, err);
     if (status != DF_OK) df_opencl_renderer_close(r);
@@ -315,6 +318,21 @@ void df_opencl_renderer_costs(const df_opencl_renderer *r, double *build_ms, dou
 
 /* ---- views ---- */
 
+/* Projects the bounds of some rows of a view and sends them: least of all squares, then greatest. */
+static df_status queue_bounds(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
+                              df_error *err) {
+    df_status status =
+        df_bounds_project(&r->bounds, view, first_row, row_count, r->options.threads ? r->options.threads : 1, err);
+    const uint64_t size = (uint64_t)r->bounds.columns * r->bounds.rows * sizeof(double);
+    if (status == DF_OK) status = grow(r, &r->intervals, 2 * size, "bounds", err);
+    if (status != DF_OK) return status;
+    DF_CL(&r->device, EnqueueWriteBuffer, r->device.queue, r->intervals.memory, CL_FALSE, 0, size, r->bounds.least, 0,
+          NULL, NULL);
+    DF_CL(&r->device, EnqueueWriteBuffer, r->device.queue, r->intervals.memory, CL_FALSE, size, size,
+          r->bounds.greatest, 0, NULL, NULL);
+    return DF_OK;
+}
+
 static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
                              cl_mem counts, df_error *err) {
     const uint64_t pixels = (uint64_t)view->width * row_count;
@@ -322,11 +340,15 @@ static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_
     const size_t extent[2] = {view->width, row_count};
     df_status status = grow(r, &r->found, pixels, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, pixels * 16, "hits", err);
-    const kernel_argument arguments[] = {
-        {sizeof *view, view},      ARGUMENT(first_row),
-        ARGUMENT(row_count),       ARGUMENT(isolate),
-        ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
-        ARGUMENT(counts),          {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
+    const kernel_argument arguments[] = {{sizeof *view, view},
+                                         ARGUMENT(first_row),
+                                         ARGUMENT(row_count),
+                                         ARGUMENT(isolate),
+                                         ARGUMENT(r->intervals.memory),
+                                         ARGUMENT(r->found.memory),
+                                         ARGUMENT(r->candidates.memory),
+                                         ARGUMENT(counts),
+                                         {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
     const bool packets = r->options.tracer == DF_OPENCL_CGT;
     const uint32_t argument_count =
         sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
@@ -374,7 +396,9 @@ df_status df_opencl_renderer_rows(df_opencl_renderer *r, const df_view *view, ui
     double ms[8] = {0};
     df_status status = DF_OK;
     if (row_count > 0) {
-        status = queue_trace(r, view, first_row, row_count, NULL, err);
+        if (r->options.bounds) status = queue_bounds(r, view, first_row, row_count, err);
+        const double projected = df_now_ms();
+        if (status == DF_OK) status = queue_trace(r, view, first_row, row_count, NULL, err);
         if (status == DF_OK) status = queue_shade(r, view, first_row, row_count, picture, err);
         if (status == DF_OK && picture->rgb)
             status = read_back(r, r->rgb.memory, picture->rgb + 3 * first, pixels * 3, err);
@@ -385,6 +409,7 @@ df_status df_opencl_renderer_rows(df_opencl_renderer *r, const df_view *view, ui
         const uint32_t commands = r->event_count;
         df_status finished = finish(r, ms, status == DF_OK ? err : NULL);
         if (status == DF_OK) status = finished;
+        spent.bounds_ms = projected - spent.host_start_ms;
         spent.trace_ms = ms[0];
         spent.shade_ms = ms[1];
         for (uint32_t i = 2; i < commands; i++) spent.download_ms += ms[i];
@@ -410,7 +435,8 @@ df_status df_opencl_renderer_count(df_opencl_renderer *r, const df_view *view, u
         const uint32_t rows = view->height - y < rows_at_once ? view->height - y : rows_at_once;
         const uint64_t pixels = (uint64_t)view->width * rows;
         double ms[8];
-        status = queue_trace(r, view, y, rows, r->counts.memory, err);
+        if (r->options.bounds) status = queue_bounds(r, view, y, rows, err);
+        if (status == DF_OK) status = queue_trace(r, view, y, rows, r->counts.memory, err);
         if (status == DF_OK) status = read_back(r, r->counts.memory, counts, pixels * 12, err);
         if (status == DF_OK) status = read_back(r, r->found.memory, found, pixels, err);
         df_status finished = finish(r, ms, status == DF_OK ? err : NULL);

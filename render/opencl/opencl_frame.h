@@ -10,6 +10,7 @@
 #ifndef DF_OPENCL_FRAME_H
 #define DF_OPENCL_FRAME_H
 
+#include "render/cpu/bounds.h"
 #include "render/frame.h"
 #include "render/opencl/opencl_device.h"
 
@@ -26,6 +27,9 @@ typedef struct df_opencl_options {
     df_opencl_tracer tracer;
     int solve, steps; /* as in df_frame_options */
     int gradient;
+    int bounds; /* DF_BOUNDS_NONE, _BRICKS or _VOXELS: the CPU projects them, with so many threads, the device walks
+                   between */
+    uint32_t threads;
     bool images;       /* gradients read the samples of a dense field from a 3D image, not from a buffer */
     uint32_t group[2]; /* work items of a work group in x and y; 0: 8 x 8, or less where the device has no room */
     FILE *log;         /* where the log of a failed build goes; NULL: nowhere */
@@ -34,6 +38,7 @@ typedef struct df_opencl_options {
 /* By the device's own clock. */
 typedef struct df_opencl_times {
     double trace_ms, shade_ms, download_ms;
+    double bounds_ms;                  /* of the pre-pass, by the host's clock */
     double host_start_ms, host_end_ms; /* df_now_ms before the first command and after the last */
 } df_opencl_times;
 

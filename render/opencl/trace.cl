@@ -36,21 +36,37 @@ static inline void df_find(const df_scene *scene, int isolate, const dda_ray *ra
                            __global uint4 *candidates, __global uint *counts) {
     df_candidate candidate;
     df_counters counters = {0, 0, 0};
-    const bool hit = df_walk(scene, isolate, ray, &candidate, &counters);
+    const bool hit = ray->first <= ray->last && df_walk(scene, isolate, ray, &candidate, &counters);
     df_store_found(hit, &candidate, &counters, i, count, found, candidates, counts);
 }
 
-/* Rows first_row to first_row + row_count - 1 of a view: writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
+/* Edge of the squares that bounds are for, pixels: DF_BOUNDS_SQUARE of cpu/bounds.h. */
+#define DF_BOUNDS_SQUARE 8
+
+/* The ray of pixel (x, first_row + y) for the walks. bounds: NULL, or where rays of each square of the row_count rows can meet surface: the
+ * least t of all squares, then the greatest. first > last where the ray cannot hit. */
+static inline dda_ray df_pixel_ray(const df_view *view, uint x, uint first_row, uint y, uint row_count, __global const double *bounds) {
+    dda_ray ray = {.first = 0, .last = INFINITY};
+    double t_base;
+    df_view_ray(view, x, first_row + y, ray.origin, ray.direction, &t_base);
+    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    if (bounds) {
+        const uint columns = (view->width + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE, rows = (row_count + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE;
+        const size_t square = x / DF_BOUNDS_SQUARE + (size_t)columns * (y / DF_BOUNDS_SQUARE);
+        ray.first = (float)(bounds[square] - t_base);
+        ray.last = (float)(bounds[square + (size_t)columns * rows] - t_base);
+    }
+    return ray;
+}
+
+/* Rows first_row to first_row + row_count - 1 of a view, within bounds (df_pixel_ray): writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
  * steps and tested cells as three arrays; the first row at index 0. One work item a pixel, width * row_count, rounded up to work groups. */
-__kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate,
+__kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate, __global const double *bounds,
                             __global uchar *found, __global uint4 *candidates, __global uint *counts) {
     const uint x = get_global_id(0), y = get_global_id(1);
     if (x >= view.width || y >= row_count) return;
     const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    dda_ray ray = {.first = 0, .last = INFINITY};
-    double t_base;
-    df_view_ray(&view, x, first_row + y, ray.origin, ray.direction, &t_base);
-    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    const dda_ray ray = df_pixel_ray(&view, x, first_row, y, row_count, bounds);
     df_find(&scene, isolate, &ray, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);
 }
 
