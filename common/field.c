@@ -49,14 +49,6 @@ const char *df_verdict_name(df_verdict verdict) {
     return "?";
 }
 
-float df_power_of_two(int exponent) {
-    assert(exponent >= -126 && exponent <= 127);
-    uint32_t bits = (uint32_t)(exponent + 127) << 23;
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 float df_field_decode(const df_field *field, uint64_t index, int exponent) {
     assert(index < field->sample_count);
     switch (field->sample_type) {

@@ -15,9 +15,11 @@
 #include "common/octree.h"
 #include "common/status.h"
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -133,7 +135,13 @@ const char *df_sample_type_name(df_sample_type type);
 const char *df_verdict_name(df_verdict verdict);
 
 /* 2^exponent, exact, for -126..127. */
-float df_power_of_two(int exponent);
+static inline float df_power_of_two(int exponent) {
+    assert(exponent >= -126 && exponent <= 127);
+    const uint32_t bits = (uint32_t)(exponent + 127) << 23;
+    float power;
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}
 
 /* The decoded sample at `index` of the samples array, for a step of 2^exponent. */
 float df_field_decode(const df_field *field, uint64_t index, int exponent);

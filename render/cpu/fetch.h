@@ -8,8 +8,8 @@
 #ifndef DF_FETCH_H
 #define DF_FETCH_H
 
+#include "render/cpu/kernels.h"
 #include "render/methods/gradient.h"
-#include "render/scene.h"
 
 #include <string.h>
 
@@ -46,12 +46,12 @@ static inline float df_fetch_step(const df_field *field, uint32_t block, df_samp
 }
 
 /* Samples `at` and the `count` - 1 after it, decoded. */
-static inline void df_fetch_row(const df_field *field, size_t at, float step, int count, float *out,
+static inline void df_fetch_row(const void *samples, size_t at, float step, int count, float *out,
                                 df_sample_type type) {
-    if (type == DF_SAMPLE_F32) memcpy(out, (const float *)field->samples + at, (size_t)count * sizeof *out);
+    if (type == DF_SAMPLE_F32) memcpy(out, (const float *)samples + at, (size_t)count * sizeof *out);
     for (int i = 0; i < count && type != DF_SAMPLE_F32; i++) {
-        out[i] = type == DF_SAMPLE_U16 ? (float)(((const uint16_t *)field->samples)[at + (size_t)i] - 32768) * step
-                                       : (float)(((const uint8_t *)field->samples)[at + (size_t)i] - 128) * step;
+        out[i] = type == DF_SAMPLE_U16 ? (float)(((const uint16_t *)samples)[at + (size_t)i] - 32768) * step
+                                       : (float)(((const uint8_t *)samples)[at + (size_t)i] - 128) * step;
     }
 }
 
@@ -61,10 +61,26 @@ static inline void df_fetch_corners(const df_scene *scene, const uint32_t voxel[
     const df_fetch f = df_fetch_corner(scene, voxel, block);
     const float step = df_fetch_step(scene->field, block, type);
     for (int i = 0; i < 4; i++) {
-        df_fetch_row(scene->field, f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0), step, 2, corner + 2 * i,
-                     type);
+        df_fetch_row(scene->field->samples, f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0), step, 2,
+                     corner + 2 * i, type);
     }
     for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
+}
+
+/* The corners, minus iso, of records of a surface and their blocks, by lane. */
+static inline void df_fetch_records(const df_scene *scene, const df_surface *surface, const int32_t record[DF_LANES],
+                                    const int32_t block[DF_LANES], lf corner[8], df_sample_type type) {
+    float decoded[DF_LANES][8];
+    const float *from[DF_LANES];
+    for (int i = 0; i < DF_LANES; i++) {
+        const size_t first = 8 * (size_t)record[i];
+        from[i] = type == DF_SAMPLE_F32 ? (const float *)surface->corners + first : decoded[i];
+        if (type == DF_SAMPLE_F32) continue;
+        const float step = df_fetch_step(scene->field, (uint32_t)block[i], type);
+        df_fetch_row(surface->corners, first, step, 8, decoded[i], type);
+    }
+    lf_load_8(from, corner);
+    for (int c = 0; c < 8; c++) corner[c] = corner[c] - lf_set(scene->iso);
 }
 
 /* The 4 samples beyond a face of a voxel: the first of them, and the step of the brick that they lie in. */
@@ -120,7 +136,7 @@ static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[
     df_fetch_face faces[6];
     for (int i = 0; i < 4; i++) {
         const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        df_fetch_row(field, f.corner + away, step, 2, out + 4 * i + 1, type);
+        df_fetch_row(field->samples, f.corner + away, step, 2, out + 4 * i + 1, type);
     }
     if (!beyond) return;
     if (!df_fetch_faces(scene, voxel, block, &f, step, faces, type)) {
@@ -131,12 +147,13 @@ static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[
     }
     for (int i = 0; i < 4; i++) {
         const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        df_fetch_row(field, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
-        df_fetch_row(field, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);
+        df_fetch_row(field->samples, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
+        df_fetch_row(field->samples, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);
     }
     for (int i = 0; i < 8; i++) {
         const df_fetch_face *face = &faces[2 + (i >> 1)];
-        df_fetch_row(field, face->at + (i & 1 ? (i < 4 ? f.slice : f.row) : 0), face->step, 2, out + 16 + 2 * i, type);
+        df_fetch_row(field->samples, face->at + (i & 1 ? (i < 4 ? f.slice : f.row) : 0), face->step, 2,
+                     out + 16 + 2 * i, type);
     }
 }
 

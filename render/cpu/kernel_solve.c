@@ -156,9 +156,9 @@ static void take_splats(const df_splat_job *job, const int32_t ray[DF_LANES], ba
     const li block = li_gather((const int32_t *)job->block, rays_of), back = li_shift_right(found, 31),
              record = li_and(found, li_set((int32_t)~DF_SPLAT_BACK)), mask = li_set((int32_t)job->scene->k - 1);
     const li voxel = li_gather((const int32_t *)surface->voxels, record);
-    const float *from[DF_LANES];
-    int32_t records[DF_LANES], backs[DF_LANES];
+    int32_t records[DF_LANES], blocks[DF_LANES], backs[DF_LANES];
     li_store(records, record);
+    li_store(blocks, block);
     li_store(backs, back);
     li_store((int32_t *)hits->ray + at, rays_of);
     li_store((int32_t *)hits->block + at, block);
@@ -171,11 +171,9 @@ static void take_splats(const df_splat_job *job, const int32_t ray[DF_LANES], ba
         in->direction[a] = lf_gather(rays->direction[a], rays_of);
     }
     in->inside = lf_from_li(back);
-    for (int i = 0; i < DF_LANES; i++) {
-        hits->flags[at + (uint32_t)i] = (uint8_t)backs[i];
-        from[i] = surface->corners + 8 * (ptrdiff_t)records[i];
-    }
-    lf_load_8(from, in->corner);
+    for (int i = 0; i < DF_LANES; i++) hits->flags[at + (uint32_t)i] = (uint8_t)backs[i];
+    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, surface, records, blocks,
+                     in->corner);
 }
 
 void DF_KERNEL(df_kernel_splat_solve)(const df_splat_job *job, const df_trace_options *options, df_hits *hits) {

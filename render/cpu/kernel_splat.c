@@ -3,6 +3,7 @@
  * (voxel, ray). Pairs are queued and tested at full width by the same text as every other tracer. The nearest accepted
  * voxel of each ray stays.
  */
+#include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
 
 #include <math.h>
@@ -74,9 +75,8 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
     lm visited = df_cell_segment_f32(origin, direction, inverse, lf_set(0), cell, lf_set(1), &segment);
     visited = lm_and(visited, lf_le(segment.t_in, lf_gather(job->depth, ray)));
     if (!lm_any(visited)) return;
-    const float *rows[DF_LANES];
-    for (uint32_t i = 0; i < DF_LANES; i++) rows[i] = job->surface->corners + 8 * (ptrdiff_t)q->record[first + i];
-    lf_load_8(rows, corner);
+    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, job->surface, q->record + first,
+                     q->block + first, corner);
     lm inside;
     lm hit = lm_and(visited, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
     uint32_t bits = lm_bits(hit) & (uint32_t)((1ull << count) - 1);

@@ -28,7 +28,7 @@ typedef struct df_shade_job {
 typedef struct df_surface {
     const uint32_t *first;     /* by block: index of its first record; first[block_count] is the number of records */
     const uint32_t *voxels;    /* by record, padded by DF_RAY_PADDING */
-    const float *corners;      /* by record: 8 values minus iso */
+    const void *corners;       /* by record: the 8 samples at the corners, as the field stores them */
     const uint32_t *corner[3]; /* by block: its lower corner in voxels */
     uint32_t record_count;
 } df_surface;

@@ -4,7 +4,7 @@
  * ray.
  */
 #include "common/memory.h"
-#include "render/cpu/kernels.h"
+#include "render/cpu/fetch.h"
 #include "render/methods/solve_methods.h"
 
 #include <assert.h>
@@ -27,7 +27,7 @@ typedef struct splat_state {
     df_surface surface;
     uint32_t *first;
     uint32_t *voxels;
-    float *corners;
+    uint8_t *corners;
     uint32_t *corner; /* surface.corner, one axis after the other */
     splat_worker *workers;
 
@@ -97,6 +97,17 @@ static uint32_t surface_voxel(uint32_t bit, const float corner[8], double margin
     return voxel;
 }
 
+static void copy_corners(splat_state *state, const uint32_t voxel[3], uint32_t block, uint32_t record) {
+    const df_field *field = state->scene->field;
+    const df_fetch f = df_fetch_corner(state->scene, voxel, block);
+    const size_t size = df_sample_size(field->sample_type);
+    for (uint32_t i = 0; i < 4; i++) { /* rows of two */
+        const size_t from = f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
+        memcpy(state->corners + (8 * (size_t)record + 2 * i) * size, (const uint8_t *)field->samples + from * size,
+               2 * size);
+    }
+}
+
 static void fill_records(splat_state *state, uint32_t block) {
     const df_scene *scene = state->scene;
     const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
@@ -104,18 +115,20 @@ static void fill_records(splat_state *state, uint32_t block) {
     const uint32_t longest =
         count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2]) : (count[1] > count[2] ? count[1] : count[2]);
     const double margin = 1.0 / 64 + longest * 0x1p-20;
-    uint32_t record = state->first[block], corner[3];
-    corner[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
-    corner[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
-    corner[2] = scene->block_cells[block] / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
-    for (int a = 0; a < 3; a++) state->corner[(uint32_t)a * scene->block_count + block] = corner[a];
+    uint32_t record = state->first[block], low[3];
+    low[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
+    low[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
+    low[2] = scene->block_cells[block] / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
+    for (int a = 0; a < 3; a++) state->corner[(uint32_t)a * scene->block_count + block] = low[a];
     for (uint32_t w = 0; w < words; w++) {
         for (uint64_t mask = scene->masks[(uint64_t)block * words + w]; mask; mask &= mask - 1, record++) {
             const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
-            const uint32_t voxel[3] = {corner[0] + (bit & k_mask), corner[1] + (bit >> scene->k_shift & k_mask),
-                                       corner[2] + (bit >> 2 * scene->k_shift)};
-            df_scene_corners(scene, voxel, block, state->corners + 8 * (size_t)record);
-            state->voxels[record] = surface_voxel(bit, state->corners + 8 * (size_t)record, margin);
+            const uint32_t voxel[3] = {low[0] + (bit & k_mask), low[1] + (bit >> scene->k_shift & k_mask),
+                                       low[2] + (bit >> 2 * scene->k_shift)};
+            float corner[8];
+            df_scene_corners(scene, voxel, block, corner);
+            state->voxels[record] = surface_voxel(bit, corner, margin);
+            copy_corners(state, voxel, block, record);
         }
     }
     assert(record == state->first[block + 1]);
@@ -140,7 +153,8 @@ static df_status make_records(splat_state *state, df_error *err) {
     state->first[scene->block_count] = (uint32_t)count;
     status = df_alloc((void **)&state->voxels, count + DF_RAY_PADDING, sizeof *state->voxels, "surface records", err);
     if (status == DF_OK)
-        status = df_alloc((void **)&state->corners, count * 8, sizeof *state->corners, "surface records", err);
+        status = df_alloc((void **)&state->corners, count * 8, df_sample_size(scene->field->sample_type),
+                          "surface records", err);
     if (status == DF_OK)
         status =
             df_alloc((void **)&state->corner, scene->block_count * 3ull, sizeof *state->corner, "surface records", err);
@@ -192,7 +206,8 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
 
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
-    return state->surface.record_count * (8 * sizeof *state->corners + sizeof *state->voxels) +
+    return state->surface.record_count *
+               (8 * df_sample_size(state->scene->field->sample_type) + sizeof *state->voxels) +
            state->scene->block_count * (sizeof *state->first + 3 * sizeof *state->corner + 2 * sizeof *state->rects);
 }
 
