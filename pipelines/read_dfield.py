@@ -65,35 +65,30 @@ def read(path, verify=False):
     else:
         head['divided'] = section('FAMI', 'u1')
         floats = np.frombuffer(data, '<f4', 8 + 19 * head['exact_count'], sections['SAMP'][0])
-        rest = section('SAMP', 'u1')[4 * floats.size:].view(dtype).reshape(-1, 19)
-        steps = np.ldexp(np.float32(1), section('STEP', 'i1').astype(np.int32)[:, None]) if zero else 0
-        stored = [floats[8:].reshape(-1, 19), (rest.astype(np.float32) - np.float32(zero)) * steps]
-        head['samples'] = octree_samples(floats[:8], stored, head['divided'])
+        rest = section('SAMP', 'u1')[4 * floats.size:].view(dtype).reshape(-1, 19).astype(np.float32) - np.float32(zero)
+        steps = np.ldexp(np.float32(1), section('STEP', 'i1').astype(np.int32)[:, None]) if zero else 1
+        head['samples'] = octree_samples(floats[:8], floats[8:].reshape(-1, 19), rest * steps, head['divided'])
         return head
     exponents = head['step_exponent'] if head['kind'] == 1 else section('STEP', 'i1').reshape(-1, 1, 1, 1) if zero else 0
     head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), np.int32(exponents)) if zero else samples
     return head
 
 
-def octree_samples(root, stored, divided):
+def octree_samples(root, values, residuals, divided):
     """All 27 samples of each family: the first families' are stored, the others' are what they differ from means of corners."""
-    exact, (family, child) = len(stored[0]), np.nonzero(np.unpackbits(divided[:, None], axis=1, bitorder='little'))
-    out, cells = np.empty((len(divided), 3, 3, 3), np.float32), np.empty((len(divided), 2, 2, 2), np.float32)
+    family, child = np.nonzero(np.unpackbits(divided[:, None], axis=1, bitorder='little'))
+    out, cell = np.empty((len(divided), 3, 3, 3), np.float32), root.reshape(2, 2, 2)
     inner = [i for i in range(27) if i not in (0, 2, 6, 8, 18, 20, 24, 26)]
-    cells[0], first, end = root.reshape(2, 2, 2), 0, 1
-    while first < end:  # level by level
-        means = cells[first:end]
-        for axis in (3, 2, 1):
-            low, high = np.split(means, 2, axis)
-            means = np.concatenate([low, (low + high) * np.float32(0.5), high], axis)
-        flat, n = means.reshape(-1, 27), min(max(exact - first, 0), end - first)
-        flat[:n, inner] = stored[0][first:first + n]
-        flat[n:, inner] += stored[1][first + n - exact:end - exact] if end > exact else 0
-        out[first:end] = flat.reshape(-1, 3, 3, 3)
-        first, end = end, 1 + np.count_nonzero(family < end)
-        for f in range(first, end):
-            c = child[f - 1]
-            cells[f] = out[family[f - 1], c >> 2:(c >> 2) + 2, c >> 1 & 1:(c >> 1 & 1) + 2, c & 1:(c & 1) + 2]
+    for f in range(len(divided)):
+        if f:
+            z, y, x = child[f - 1] >> 2, child[f - 1] >> 1 & 1, child[f - 1] & 1
+            cell = out[family[f - 1], z:z + 2, y:y + 2, x:x + 2]
+        for axis in (2, 1, 0):
+            low, high = np.split(cell, 2, axis)
+            cell = np.concatenate([low, (low + high) * np.float32(0.5), high], axis)
+        exact = f < len(values)
+        cell.reshape(27)[inner] = values[f] if exact else cell.reshape(27)[inner] + residuals[f - len(values)]
+        out[f] = cell
     return out
 
 

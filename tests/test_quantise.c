@@ -1,4 +1,5 @@
 /* Samples of 16 and 8 bits: signs stay, zeros stay, and what several bricks hold decodes alike. */
+#include "common/field_file.h"
 #include "convert/quantise.h"
 #include "fields.h"
 
@@ -6,6 +7,9 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
 #include <cmocka.h>
 
 static const uint32_t SIZE[3] = {37, 29, 33};
@@ -115,11 +119,43 @@ static void octrees_keep_their_surface(void **state) {
     }
 }
 
+/* The NumPy reader, which shares no code with ours, decodes the same samples of all families. */
+static void numpy_decodes_the_same_octree(void **state) {
+    (void)state;
+    char path[] = "/tmp/df_test_quantise_XXXXXX", command[1024];
+    df_field exact, field;
+    df_error err;
+    const uint32_t size[3] = {150, 150, 150};
+    assert_int_equal(test_field_sphere(&exact, DF_FIELD_ADF, 0, size, 60.3, &err), DF_OK);
+    assert_int_equal(df_quantise(&exact, DF_SAMPLE_U8, &field, &err), DF_OK);
+    assert_in_range(field.exact_count, 1, field.family_count - 1);
+    close(mkstemp(path));
+    assert_int_equal(df_field_write(&field, path, &err), DF_OK);
+    snprintf(command, sizeof command,
+             "cd %s/pipelines && /usr/bin/python3 -B -c \"import read_dfield as r, sys; "
+             "sys.stdout.buffer.write(r.read('%s')['samples'].tobytes())\"",
+             DF_SOURCE_FOLDER, path);
+    FILE *pipe = popen(command, "r");
+    assert_non_null(pipe);
+    for (uint32_t f = 0; f < field.family_count; f++) {
+        float cell[8], is[27], read[27];
+        df_adf_cell_corners(&field, f, cell);
+        df_adf_samples(&field, f, cell, is);
+        assert_int_equal(fread(read, sizeof(float), 27, pipe), 27);
+        assert_memory_equal(read, is, sizeof is);
+    }
+    assert_int_equal(pclose(pipe), 0);
+    unlink(path);
+    df_field_free(&field);
+    df_field_free(&exact);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(signs_and_zeros_are_kept),
         cmocka_unit_test(bricks_do_not_tear),
         cmocka_unit_test(octrees_keep_their_surface),
+        cmocka_unit_test(numpy_decodes_the_same_octree),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
