@@ -63,7 +63,9 @@ typedef struct request {
     const char *grid; /* of a .vdb; NULL: the only one */
     double band;      /* voxels; 0: not given */
     bool fill, structure_given, brick_given;
-    const char *mesh_option; /* an option that shapes a field of a mesh, where one was given */
+    const char *mesh_option;  /* an option that shapes a field of a mesh, where one was given */
+    const char *error_option; /* one that bounds the error */
+    bool samples_given;
     df_error *err;
 } request;
 
@@ -202,10 +204,10 @@ static void note_option(request *r, int key) {
     if (key == KEY_PADDING) r->mesh_option = "--padding";
     if (key == KEY_DISTANCE) r->mesh_option = "--distance";
     if (key == KEY_SIGN) r->mesh_option = "--sign";
-    if (key == KEY_MAX_ERROR) r->mesh_option = "--max-error";
-    if (key == KEY_RMS_ERROR) r->mesh_option = "--rms-error";
+    if (key == KEY_MAX_ERROR) r->error_option = "--max-error";
+    if (key == KEY_RMS_ERROR) r->error_option = "--rms-error";
     if (key == KEY_MEASURE) r->mesh_option = "--measure";
-    if (key == KEY_SAMPLES) r->mesh_option = "--samples";
+    r->samples_given = r->samples_given || key == KEY_SAMPLES;
     r->structure_given = r->structure_given || key == KEY_STRUCTURE;
     r->brick_given = r->brick_given || key == KEY_BRICK;
 }
@@ -243,7 +245,10 @@ static df_status check_exchange(const request *r, df_error *err) {
     if (df_exchange_is_input(r->input)) {
         const char *option = r->check ? "--check" : r->repair ? "--repair" : r->strict ? "--strict" : r->mesh_option;
         if (r->voxel_size > 0 && !is_npy) option = "--voxel-size";
+        if (!r->structure_given || r->structure != DF_FIELD_ADF) option = option ? option : r->error_option;
         if (option) return df_fail(err, DF_ERROR_USAGE, "%s: %s has its samples already", option, r->input);
+        if (r->samples_given && r->output && df_exchange_is_output(r->output))
+            return df_fail(err, DF_ERROR_USAGE, "--samples: for .dfield, %s has its own", r->output);
         if (!r->output && !df_exchange_is_output(r->input))
             return df_fail(err, DF_ERROR_USAGE, "%s: a .dfield needs -o", r->input);
     } else if (r->fill) {
@@ -700,8 +705,15 @@ static df_status convert(const request *r, const char *output, df_error *err) {
 }
 
 static df_status convert_field(const request *r, const char *output, df_error *err) {
+    const error_bound largest = bound_of(r);
     df_exchange_request wanted = {.input = r->input,
                                   .output = output,
+                                  .samples = r->samples_given ? sample_names[r->samples] : NULL,
+                                  .max_error = largest.value,
+                                  .max_in_world = largest.in_world,
+                                  .rms_error = r->rms_error.value >= 0 ? r->rms_error.value : (double)INFINITY,
+                                  .rms_in_world = r->rms_error.in_world,
+                                  .allow_partial = r->allow_partial,
                                   .structure = r->structure_given ? r->structure : 0,
                                   .brick_size = r->brick_given ? r->brick_size : 0,
                                   .grid = r->grid,

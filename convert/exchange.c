@@ -130,7 +130,7 @@ static df_status read_vdb(conversion *c, df_error *err) {
     snprintf(c->grid, sizeof c->grid, "%s", info.grid);
     df_vdb_source(vdb, &source);
     df_build_input input = {.name = r->input,
-                            .kind = wanted_kind(c),
+                            .kind = wanted_kind(c) == DF_FIELD_DENSE ? DF_FIELD_DENSE : DF_FIELD_BRICKS,
                             .lattice = &info.lattice,
                             .source = &source,
                             .keep = df_vdb_keeps_cell,
@@ -175,13 +175,46 @@ static df_status change_structure(conversion *c, df_error *err) {
         return df_fail(err, DF_ERROR_USAGE, "--fill: for dense fields of bricks");
     if (same && !cut) return DF_OK;
     if (r->fill) c->filled = df_restructure_band(&c->field);
-    if (kind == DF_FIELD_ADF)
-        return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: --structure adf is made of meshes only", r->input);
-    df_restructure_request wanted = {r->input, kind, size, cut ? r->band : 0, r->fill, r->quiet};
+    df_restructure_request wanted = {.name = r->input,
+                                     .kind = kind,
+                                     .brick_size = size,
+                                     .band = cut ? r->band : 0,
+                                     .fill = r->fill,
+                                     .max_error = r->max_error * (r->max_in_world ? 1 : c->field.voxel_size[0]),
+                                     .rms_error = r->rms_error * (r->rms_in_world ? 1 : c->field.voxel_size[0]),
+                                     .allow_partial = r->allow_partial,
+                                     .quiet = r->quiet};
     double start = df_now_ms();
     df_status status = restructure(&c->field, &wanted, err);
     c->structure_ms = df_now_ms() - start;
     return status;
+}
+
+/* What --samples auto may add to the largest error: a tenth of it, or a thousandth of a voxel where it is not known. */
+static double auto_limit(const df_field *f) { return f->error_max >= 0 ? 0.1 * f->error_max : 1e-3 * f->voxel_size[0]; }
+
+/* Brings the samples into the type that is wanted. */
+static df_status change_samples(conversion *c, df_error *err) {
+    static const df_sample_type types[] = {DF_SAMPLE_U8, DF_SAMPLE_U16, DF_SAMPLE_F32};
+    const char *wanted = c->request->samples;
+    const bool any = wanted && strcmp(wanted, "auto") == 0;
+    for (int i = 0; wanted && i < 3; i++) {
+        df_field other = {0};
+        double added;
+        if (!any && strcmp(wanted, df_sample_type_name(types[i])) != 0) continue;
+        if (types[i] == c->field.sample_type) return DF_OK;
+        df_status status = df_restructure_samples(&c->field, c->request->input, types[i], &added, &other, err);
+        if (status != DF_OK) return status;
+        const bool fits = !any || added <= auto_limit(&c->field);
+        if (fits) {
+            other.provenance = "{}";
+            df_field_free(&c->field);
+            c->field = other;
+            return DF_OK;
+        }
+        df_field_free(&other);
+    }
+    return DF_OK;
 }
 
 /* The provenance: this step, and within it that of the file it came from. */
@@ -273,6 +306,7 @@ df_status df_exchange_convert(const df_exchange_request *r, df_error *err) {
     df_status status = df_output_check(r->output, err);
     if (status == DF_OK) status = is_vdb ? read_vdb(&c, err) : read_field(&c, err);
     if (status == DF_OK) status = change_structure(&c, err);
+    if (status == DF_OK) status = change_samples(&c, err);
     if (status == DF_OK && df_field_surface_voxel_count(&c.field) == 0) {
         status = df_fail(err, DF_ERROR_INPUT, "%s: no surface: its samples are all on one side of zero", r->input);
     }

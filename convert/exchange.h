@@ -9,12 +9,16 @@
 
 typedef struct df_exchange_request {
     const char *input, *output;
-    df_field_kind structure; /* wanted: dense or bricks; 0: that of a .dfield, or the best for the output */
-    uint32_t brick_size;     /* 0: that of the input, or 8 */
-    const char *grid;        /* of a .vdb; NULL: the only level set */
-    double band;             /* voxels: see df_restructure_request and df_vdb_write; 0: not given */
-    bool fill;               /* see df_restructure_request */
-    double voxel_size;       /* of a .npy; 0: 1 */
+    df_field_kind structure; /* wanted; 0: that of a .dfield, or the best for the output */
+    const char *samples;     /* wanted: "f32", "u16", "u8" or "auto"; NULL: those of a .dfield, or f32 */
+    double max_error;        /* of an ADF against the input, voxels, or world units with max_in_world */
+    double rms_error;        /* the same; INFINITY: any */
+    bool max_in_world, rms_in_world, allow_partial;
+    uint32_t brick_size; /* 0: that of the input, or 8 */
+    const char *grid;    /* of a .vdb; NULL: the only level set */
+    double band;         /* voxels: see df_restructure_request and df_vdb_write; 0: not given */
+    bool fill;           /* see df_restructure_request */
+    double voxel_size;   /* of a .npy; 0: 1 */
     bool json, quiet;
 } df_exchange_request;
 
