@@ -116,6 +116,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     df_opencl_tracer tracer;
     df_status status = choose_tracer(d, &tracer, err);
     if (status != DF_OK) return status;
+    if (d->frame.walk.lod > 0)
+        return df_fail(err, DF_ERROR_USAGE, "--lod is the CPU's: OpenCL devices look into every cell");
     if (d->frame.filter)
         return df_fail(err, DF_ERROR_USAGE, "--filter %s is the CPU's: OpenCL devices interpolate trilinearly",
                        df_filter_names[d->frame.filter]);

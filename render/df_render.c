@@ -103,6 +103,7 @@ static const struct argp_option option_table[] = {
     {"tracer", KEY_SETTING + 7, "NAME", 0,
      "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD "
      "lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
+     "adf-packet (the same, SIMD packets), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "
      "default "
      "auto: the fastest that suits the field and the view. OpenCL devices have dda and adf (auto), and cgt, whose "
@@ -129,6 +130,8 @@ static const struct argp_option option_table[] = {
      "Edge of a packet of cgt in rays: 1, 2, 4, 8, 16 or 32 (default 8); on OpenCL devices also of its work group", 0},
     {"clip", KEY_SETTING + 15, "on|off", 0,
      "Whether cgt clips the voxels of a block to the packet's bounds (default on)", 0},
+    {"lod", KEY_SETTING + 19, "PIXELS", 0,
+     "Octrees: a cell smaller than PIXELS of the picture is not looked into (default 0: all are)", 0},
     {"split", KEY_SETTING + 18, "N", 0,
      "Rays of a packet of dda-packet walk on alone once at most N are left (default 0: never)", 0},
     {"filter", KEY_SETTING + 17, "NAME", 0,

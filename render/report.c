@@ -51,6 +51,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "tracer",
                         json_string(report->tracer->name)); /* keeps its place: add_devices completes it */
     json_object_set_new(json, "bounds", json_string(df_bounds_names[settings->walk.bounds]));
+    json_object_set_new(json, "lod", json_real(settings->walk.lod));
     json_object_set_new(json, "filter", json_string(df_filter_names[settings->filter]));
     json_object_set_new(json, "intersect", json_string(own ? "own" : df_solve_names[settings->solve]));
     json_object_set_new(json, "steps",

@@ -92,6 +92,7 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         if (status == DF_OK) s->filter = (int)number;
         return status;
     }
+    if (strcmp(name, "lod") == 0) return df_parse_double("--lod", value, 0, 1000, &s->walk.lod, err);
     if (strcmp(name, "split") == 0) return df_parse_u32("--split", value, 0, 15, &s->walk.split, err);
     if (strcmp(name, "bounds") == 0) {
         status = df_parse_name("--bounds", value, df_bounds_names, &number, err);
@@ -138,6 +139,9 @@ df_status df_settings_camera(const df_settings *s, const df_field *field, df_cam
     }
     if ((s->walk.packet || s->walk.no_clip) && s->tracer != &df_tracer_cgt)
         return df_fail(err, DF_ERROR_USAGE, "--packet and --clip are about packets of cgt: they need --tracer cgt");
+    if (s->walk.lod > 0 && field->kind != DF_FIELD_ADF)
+        return df_fail(err, DF_ERROR_USAGE, "--lod %g: only octrees (--structure adf) have levels of detail",
+                       s->walk.lod);
     if (s->walk.split && s->tracer != &df_tracer_packet)
         return df_fail(err, DF_ERROR_USAGE, "--split is about packets of dda-packet: it needs --tracer dda-packet");
     if (s->tracer && s->tracer->own_methods && s->has_methods) {
@@ -177,6 +181,7 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
     if (s->walk.packet) fprintf(stream, "packet=%u\n", s->walk.packet);
+    if (s->walk.lod > 0) fprintf(stream, "lod=%.17g\n", s->walk.lod);
     if (s->walk.split) fprintf(stream, "split=%u\n", s->walk.split);
     if (s->walk.bounds) fprintf(stream, "bounds=%s\n", df_bounds_names[s->walk.bounds]);
     if (s->walk.no_clip) fprintf(stream, "clip=off\n");

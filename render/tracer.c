@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-const df_tracer *const df_tracers[] = {&df_tracer_splat, &df_tracer_packet, &df_tracer_cgt,
-                                       &df_tracer_dda,   &df_tracer_adf,    NULL};
+const df_tracer *const df_tracers[] = {
+    &df_tracer_splat, &df_tracer_packet, &df_tracer_cgt, &df_tracer_dda, &df_tracer_adf_packet, &df_tracer_adf, NULL};
 const df_tracer *const df_mesh_tracers[] = {
 #ifdef DF_HAVE_EMBREE
     &df_tracer_mc_embree,

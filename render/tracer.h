@@ -57,6 +57,7 @@ typedef struct df_walk_options {
     uint32_t packet; /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
     bool no_clip;    /* cgt: look at all voxels of a block, not only at those in the packet's bounds */
     int bounds;      /* DF_BOUNDS_...: for tracers that have takes_bounds */
+    double lod;      /* octrees: cells are not divided where they are smaller than so many pixels; 0: always */
     uint32_t split;  /* dda-packet: once so few rays of a packet are left, each walks on alone; 0: never */
 } df_walk_options;
 
@@ -96,7 +97,8 @@ struct df_tracer {
                        df_error *err);
 };
 
-extern const df_tracer df_tracer_adf, df_tracer_cgt, df_tracer_dda, df_tracer_packet, df_tracer_splat;
+extern const df_tracer df_tracer_adf_packet, df_tracer_adf, df_tracer_cgt, df_tracer_dda, df_tracer_packet,
+    df_tracer_splat;
 extern const df_tracer df_tracer_mc_embree, df_tracer_mc_raster; /* where they were built in */
 
 /* Another field between the samples: cubic reconstruction, which --filter asks for. */

@@ -263,6 +263,58 @@ static void cgt_agrees_for_every_packet_with_and_without_clipping(void **unused)
     close_scene(&field, &scene);
 }
 
+/* Cells that are not divided because they look small: packets and single rays agree on them, and what they show is off
+ * by no more than a few times what is left out. */
+static void levels_of_detail_agree_and_stay_near(void **unused) {
+    (void)unused;
+    enum { W = 111, H = 77 };
+    static const double distances[] = {0.8, 4, 50};
+    df_field field;
+    df_scene scene;
+    df_error err;
+    picture full = new_picture(W, H), reference = new_picture(W, H), other = new_picture(W, H);
+    open_scene(&field, &scene, DF_FIELD_ADF, 0, 64, rings);
+    for (int d = 0; d < 3; d++) {
+        df_camera camera;
+        df_view view;
+        df_camera_orbit(&field, 12, 30, distances[d], &camera);
+        camera.fov_y = 1.6 / distances[d];
+        if (df_view_make(&camera, &field, W, H, &view, &err)) fail_msg("%s", err.text);
+        df_frame_options options = {.tracer = &df_tracer_adf,
+                                    .solve = DF_SOLVE_ROBUST,
+                                    .gradient = DF_GRADIENT_CORNER_CENTRAL,
+                                    .tile = 32,
+                                    .threads = 2};
+        draw(&scene, &view, &options, &full);
+        for (double lod = 0.5; lod < 10; lod *= 4) {
+            uint32_t lost = 0, hits = 0, off = 0;
+            options.walk.lod = lod;
+            options.tracer = &df_tracer_adf;
+            options.kernels = NULL;
+            draw(&scene, &view, &options, &reference);
+            options.tracer = &df_tracer_adf_packet;
+            for (int isa = 0; isa < 4; isa++) {
+                if (df_kernels_select(isas[isa], &options.kernels, &err) != DF_OK) continue;
+                draw(&scene, &view, &options, &other);
+                compare(&reference, &other, &options, "levels of detail");
+            }
+            const double pixel = distances[d] * 64 * 2 * tan(camera.fov_y / 2) / H;
+            for (uint32_t i = 0; i < W * H; i++) {
+                const bool hit = isfinite(full.depth[i]), seen = isfinite(reference.depth[i]);
+                hits += hit;
+                lost += hit != seen;
+                off += hit && seen && fabs((double)full.depth[i] - (double)reference.depth[i]) > 4 * lod * pixel + 0.2;
+            }
+            if (lod < 4 && (lost > hits / 20 || off > hits / 50))
+                fail_msg("distance %g, lod %g: of %u hits %u lost or won, %u off", distances[d], lod, hits, lost, off);
+        }
+    }
+    free_picture(&full);
+    free_picture(&reference);
+    free_picture(&other);
+    close_scene(&field, &scene);
+}
+
 static void fields_without_a_surface_or_with_one_voxel_draw(void **unused) {
     (void)unused;
     static const double sizes[] = {1, 2, 3, 9};
@@ -286,6 +338,7 @@ int main(void) {
         cmocka_unit_test(tracers_agree_from_inside_and_afar),
         cmocka_unit_test(tracers_agree_at_every_size_of_picture_and_tile),
         cmocka_unit_test(cgt_agrees_for_every_packet_with_and_without_clipping),
+        cmocka_unit_test(levels_of_detail_agree_and_stay_near),
         cmocka_unit_test(fields_without_a_surface_or_with_one_voxel_draw),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -16,6 +16,7 @@
 #define DF_KERNEL(name) name##_scalar
 #endif
 
+uint32_t DF_KERNEL(df_kernel_adf)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 uint32_t DF_KERNEL(df_kernel_cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters);

@@ -82,8 +82,8 @@ static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel
                                                            : (uint32_t)((1ull << DF_LANES) - 1);
         const uint32_t tested = lm_bits(visited) & valid;
         counters->lanes_total += DF_LANES;
-        counters->lanes_active += (uint32_t)__builtin_popcount(tested);
-        counters->cells_tested += (uint32_t)__builtin_popcount(tested);
+        counters->lanes_active += lm_count(tested);
+        counters->cells_tested += lm_count(tested);
         if (!tested) continue;
         lm inside;
         uint32_t bits = lm_bits(df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside)) & tested;

@@ -4,6 +4,7 @@
  */
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
+#include "render/cpu/packet_rays.h"
 
 #include <math.h>
 
@@ -145,7 +146,7 @@ typedef struct left_over {
 /* Hands the lanes over where so few are left; returns whether it did. */
 static bool split(const df_packet_job *job, lm active, events at, left_over *alone) {
     const uint32_t bits = lm_bits(active);
-    if (!job->split || (uint32_t)__builtin_popcount(bits) > job->split) return false;
+    if (!job->split || lm_count(bits) > job->split) return false;
     alone->lanes = bits;
     lf_store(alone->first, at.t);
     for (int i = 0; i < DF_LANES; i++) alone->first[i] = nextafterf(alone->first[i], -INFINITY);
@@ -168,7 +169,7 @@ static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], c
         lm_and(lanes, df_cell_segment_f32(p->origin, p->direction, p->inverse, lf_set(0), lower, lf_set(1), &segment));
     uint32_t bits = lm_bits(lanes);
     if (!bits) return lanes;
-    counters->cells_tested += (uint32_t)__builtin_popcount(bits);
+    counters->cells_tested += lm_count(bits);
     for (int a = 0; a < 3; a++) lf_store(at[a], lower[a]);
     for (uint32_t rest = bits; rest; rest &= rest - 1) {
         const int i = __builtin_ctz(rest);
@@ -190,7 +191,7 @@ static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], c
 }
 
 static void count(df_counters *counters, uint64_t *steps, lm active) {
-    const uint32_t lanes = (uint32_t)__builtin_popcount(lm_bits(active));
+    const uint32_t lanes = lm_count(lm_bits(active));
     *steps += lanes;
     counters->lanes_active += lanes;
     counters->lanes_total += DF_LANES;
@@ -311,19 +312,6 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
     return hits;
 }
 
-/* The rays of a packet: a block of pixels as square as may be, or a run of arbitrary rays. Lanes beyond the tile repeat
- * its last ray. */
-static uint32_t gather_rays(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t width, int32_t ray[DF_LANES]) {
-    uint32_t valid = 0;
-    for (uint32_t i = 0; i < DF_LANES; i++) {
-        const uint32_t x = x0 + i % width, y = y0 + i / width;
-        const bool within = x < tile->width && y < tile->height;
-        ray[i] = (int32_t)(within ? y * tile->width + x : y0 * tile->width + x0);
-        valid |= (uint32_t)within << i;
-    }
-    return valid;
-}
-
 /* The intervals of the rays of a packet; false where none of them can hit. */
 static bool load_bounds(const df_packet_job *job, const int32_t ray[DF_LANES], packet *p) {
     float first[DF_LANES], last[DF_LANES];
@@ -341,30 +329,20 @@ static bool load_bounds(const df_packet_job *job, const int32_t ray[DF_LANES], p
     return lm_any(lf_le(p->first, p->last));
 }
 
-static void load(const df_rays *rays, const int32_t ray[DF_LANES], packet *p) {
-    const li index = li_load(ray);
-    for (int a = 0; a < 3; a++) {
-        p->origin[a] = rays->shared_origin ? lf_set(rays->origin[a][0]) : lf_gather(rays->origin[a], index);
-        p->direction[a] = lf_gather(rays->direction[a], index);
-        p->inverse[a] = lf_gather(rays->inverse[a], index);
-        p->upward[a] = lf_lt(lf_set(0), p->direction[a]);
-    }
-}
-
 uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters) {
     const df_tile *tile = job->tile;
-    uint32_t width = DF_LANES == 16 ? 4 : DF_LANES == 8 ? 4 : DF_LANES == 4 ? 2 : 1, height, hits = 0;
-    if (tile->height == 1) width = DF_LANES;
-    height = DF_LANES / width;
+    const uint32_t width = df_packet_width(tile), height = DF_LANES / width;
+    uint32_t hits = 0;
     for (uint32_t y = 0; y < tile->height; y += height) {
         for (uint32_t x = 0; x < tile->width; x += width) {
             int32_t ray[DF_LANES];
             packet p;
             found out;
             uint32_t inside_bits = 0;
-            const uint32_t valid = gather_rays(tile, x, y, width, ray);
+            const uint32_t valid = df_packet_rays(tile, x, y, width, ray);
             if (!load_bounds(job, ray, &p)) continue;
-            load(&tile->rays, ray, &p);
+            df_packet_load(&tile->rays, ray, p.origin, p.direction, p.inverse);
+            for (int a = 0; a < 3; a++) p.upward[a] = lf_lt(lf_set(0), p.direction[a]);
             const lm all = lm_first(DF_LANES);
             left_over alone = {0};
             const lm hit = job->scene->levels == 1

@@ -185,7 +185,7 @@ void DF_KERNEL(df_kernel_splat_solve)(const df_splat_job *job, const df_trace_op
         lm hit = lm_first(0);
         if (first < rays) hit = lf_lt(lf_load(job->depth + first), lf_set(INFINITY));
         li_compress(ray + waiting, hit, li_add(li_load(lane), li_set((int32_t)first)));
-        waiting += (uint32_t)__builtin_popcount(lm_bits(hit));
+        waiting += lm_count(lm_bits(hit));
         if (waiting < DF_LANES && first < rays) continue;
         const uint32_t lanes = waiting < DF_LANES ? waiting : DF_LANES;
         for (uint32_t i = lanes; i < DF_LANES; i++) ray[i] = ray[0];

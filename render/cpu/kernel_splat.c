@@ -211,7 +211,7 @@ static void queue_small(const df_splat_job *job, queue *q, const voxels *of, lm 
             li_compress(q->record + q->count, open, record);
             li_store(q->block + q->count, li_set((int32_t)of->block));
             for (int a = 0; a < 3; a++) lf_compress(q->cell[a] + q->count, open, of->cell[a]);
-            q->count += (uint32_t)__builtin_popcount(lm_bits(open));
+            q->count += lm_count(lm_bits(open));
             if (q->count >= QUEUE_FLUSH) flush(job, q, 0, counters);
         }
     }
@@ -248,7 +248,7 @@ static void queue_large(const df_splat_job *job, queue *q, const voxels *of, lm 
                 const int32_t ray = y * width + x;
                 const lm open = lm_and(lf_le(nearest, lf_load(job->depth + ray)), lm_first((uint32_t)(x1[i] - x + 1)));
                 li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
-                q->count += (uint32_t)__builtin_popcount(lm_bits(open));
+                q->count += lm_count(lm_bits(open));
                 if (q->count < QUEUE_FLUSH) continue;
                 name_voxel(q, named, cell, of->first + (uint32_t)i, of->block);
                 flush(job, q, 0, counters);

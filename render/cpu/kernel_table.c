@@ -14,6 +14,7 @@ const df_kernels DF_KERNEL(df_kernels) = {
     .lanes = DF_LANES,
     .view_rays = DF_KERNEL(df_kernel_view_rays),
     .solve = DF_KERNEL(df_kernel_solve),
+    .adf = DF_KERNEL(df_kernel_adf),
     .cgt = DF_KERNEL(df_kernel_cgt),
     .packet = DF_KERNEL(df_kernel_packet),
     .splat = DF_KERNEL(df_kernel_splat),

@@ -70,13 +70,19 @@ typedef struct df_packet_job {
     const df_tile *tile;
     const df_bounds *bounds; /* of the tile's rays; NULL: none */
     int isolate;             /* DF_SOLVE_ISOLATES */
-    uint32_t packet; /* cgt: edge of the square of rays that go together, a power of two up to DF_CGT_PACKET_MAX */
-    uint32_t split;  /* packet: as in df_walk_options */
+    uint32_t packet;  /* cgt: edge of the square of rays that go together, a power of two up to DF_CGT_PACKET_MAX */
+    double footprint; /* adf: cells no larger than this * t, voxels, are not divided; 0: all are */
+    uint32_t split;   /* packet: as in df_walk_options */
     /* packet: walks a ray of the tile alone, from `first` on; true for a hit */
     bool (*alone)(const struct df_packet_job *job, uint32_t ray, float first, df_candidate *candidate,
                   df_counters *counters);
     bool clip; /* cgt: look only at voxels that the packet's bounds meet */
 } df_packet_job;
+
+/* What t_base adds to footprint * t for a ray, as a float: the same for all tracers. */
+static inline float df_footprint_base(double footprint, const df_rays *rays, uint32_t ray) {
+    return rays->t_base ? (float)(rays->t_base[ray] * footprint) : 0;
+}
 
 struct df_kernels {
     const char *isa; /* "scalar", "sse4.1", "avx2", "avx512" */
@@ -95,6 +101,9 @@ struct df_kernels {
 
     /* The same by coherent grid traversal; rays share their origin and the scene has two levels. */
     uint32_t (*cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
+
+    /* The same through an octree. */
+    uint32_t (*adf)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);

@@ -31,7 +31,7 @@ static df_status packet_prepare(const df_scene *scene, const df_trace_options *o
 static bool walk_alone(const df_packet_job *job, uint32_t ray, float first, df_candidate *candidate,
                        df_counters *counters) {
     dda_ray alone;
-    df_walk_ray(job->bounds, job->tile, ray, &alone);
+    df_walk_ray(job->bounds, 0, job->tile, ray, &alone);
     if (first > alone.first) alone.first = first;
     return dda_walk_scene(job->scene, job->isolate, &alone, candidate, counters);
 }

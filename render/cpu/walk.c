@@ -51,7 +51,16 @@ const df_bounds *df_walk_bounds(const df_walk *walk, const df_tile *tile) {
     return walk->options.walk.bounds && tile->view ? &walk->bounds : NULL;
 }
 
-void df_walk_ray(const df_bounds *bounds, const df_tile *tile, uint32_t i, dda_ray *ray) {
+double df_walk_footprint(const df_walk *walk, const df_tile *tile) {
+    double right = 0, down = 0;
+    for (int a = 0; a < 3 && tile->view; a++) {
+        right += tile->view->right[a] * tile->view->right[a];
+        down += tile->view->down[a] * tile->view->down[a];
+    }
+    return walk->options.walk.lod * sqrt(fmin(right, down));
+}
+
+void df_walk_ray(const df_bounds *bounds, double footprint, const df_tile *tile, uint32_t i, dda_ray *ray) {
     const df_rays *rays = &tile->rays;
     for (int a = 0; a < 3; a++) {
         ray->origin[a] = rays->origin[a][rays->shared_origin ? 0 : i];
@@ -60,6 +69,8 @@ void df_walk_ray(const df_bounds *bounds, const df_tile *tile, uint32_t i, dda_r
     }
     ray->first = 0;
     ray->last = INFINITY;
+    ray->footprint = (float)footprint;
+    ray->footprint_base = df_footprint_base(footprint, rays, i);
     if (bounds) {
         df_bounds_ray(bounds, tile->x + i % tile->width, tile->y + i / tile->width, rays->t_base ? rays->t_base[i] : 0,
                       &ray->first, &ray->last);

@@ -27,9 +27,12 @@ bool df_walk_touches(const void *walk, const df_tile *tile);
 const df_bounds *df_walk_bounds(const df_walk *walk, const df_tile *tile);
 
 /* A ray of a tile as the scalar walks take it (methods/dda.h). bounds: of df_walk_bounds; first > last where it cannot
- * hit. */
+ * hit. footprint: of df_walk_footprint. */
 struct dda_ray;
-void df_walk_ray(const df_bounds *bounds, const df_tile *tile, uint32_t i, struct dda_ray *ray);
+void df_walk_ray(const df_bounds *bounds, double footprint, const df_tile *tile, uint32_t i, struct dda_ray *ray);
+
+/* Voxels that options.walk.lod pixels of a tile's view cover at t = 1; 0: no matter how small, cells are divided. */
+double df_walk_footprint(const df_walk *walk, const df_tile *tile);
 
 /* Solves the first `count` candidates of a thread and appends them to hits. */
 void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits);

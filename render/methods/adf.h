@@ -28,13 +28,26 @@ static inline uint32_t adf_child(const df_field *field, const adf_walk *w, uint3
     return (w->voxel[0] >> bit & 1) | (w->voxel[1] >> bit & 1) << 1 | (w->voxel[2] >> bit & 1) << 2;
 }
 
+/* Whether the child around the voxel is so small, seen from where the ray enters it, that it is not divided. */
+static inline bool adf_small(const df_field *field, const dda_ray *ray, const adf_walk *w) {
+    const uint32_t size_log2 = field->level_count - 1 - w->depth, size = 1u << size_log2;
+    float t_in = 0;
+    if (!(ray->footprint > 0 || ray->footprint_base > 0)) return false;
+    for (int a = 0; a < 3; a++) {
+        const uint32_t corner = w->voxel[a] >> size_log2 << size_log2;
+        const float t = dda_plane_t(ray, a, (float)(corner + (ray->direction[a] > 0 ? 0 : size)));
+        if (t > t_in) t_in = t;
+    }
+    return (float)size <= t_in * ray->footprint + ray->footprint_base;
+}
+
 /* Goes down from path[depth] to the leaf around the voxel. */
-static inline void adf_descend(const df_field *field, adf_walk *w) {
+static inline void adf_descend(const df_field *field, const dda_ray *ray, adf_walk *w) {
     for (;;) {
         const df_family family = field->families[w->path[w->depth]];
         w->child = adf_child(field, w, w->depth);
         w->state = df_family_state(&family, w->child);
-        if (w->state != DF_CHILD_FAMILY) break;
+        if (w->state != DF_CHILD_FAMILY || adf_small(field, ray, w)) break;
         w->path[++w->depth] = df_family_child(&family, w->child);
     }
     w->size_log2 = field->level_count - 1 - w->depth;
@@ -80,7 +93,7 @@ static inline bool adf_step(const df_field *field, const dda_ray *ray, adf_walk 
     const uint32_t highest = 31 - df_leading_zeros(changed), depth = field->level_count - 1 - highest;
     if (depth < w->depth) w->depth = depth;
     if (w->cells_known > w->depth + 1) w->cells_known = w->depth + 1;
-    adf_descend(field, w);
+    adf_descend(field, ray, w);
     return true;
 }
 
@@ -95,7 +108,7 @@ static inline void adf_candidate(const adf_walk *w, bool inside, df_candidate *c
  * outside, 1 inside; -1 while nothing is known). */
 static inline bool adf_visit(const df_scene *scene, bool isolate, const dda_ray *ray, adf_walk *w, int *side,
                              df_candidate *candidate, df_counters *counters) {
-    bool mixed = w->state == DF_CHILD_SURFACE, inside = w->state == DF_CHILD_INSIDE;
+    bool mixed = w->state >= DF_CHILD_SURFACE, inside = w->state == DF_CHILD_INSIDE;
     const float lower[3] = {(float)w->corner[0], (float)w->corner[1], (float)w->corner[2]};
     float corner[8];
     for (int a = 0; a < 3; a++) {
@@ -147,7 +160,7 @@ static inline bool adf_walk_scene(const df_scene *scene, bool isolate, const dda
     w.path[0] = w.depth = 0;
     for (int c = 0; c < 8; c++) w.cells[0][c] = ((const DF_GLOBAL float *)field->samples)[c];
     w.cells_known = 1;
-    adf_descend(field, &w);
+    adf_descend(field, ray, &w);
     do {
         if (adf_visit(scene, isolate, ray, &w, &carried, candidate, counters)) return true;
     } while (adf_step(field, ray, &w, &at));

@@ -22,6 +22,8 @@
 typedef struct dda_ray {
     float origin[3], direction[3], inverse[3];
     float first, last;
+    float footprint,
+        footprint_base; /* octrees: cells no larger than t * footprint + footprint_base, voxels, are leaves */
 } dda_ray;
 
 typedef struct dda_event {

@@ -409,6 +409,17 @@ static inline int ldm_any(ldm a) { return a != 0; }
 
 #endif
 
+#ifndef DF_OPENCL
+/* How many of the lanes in `bits` (lm_bits). Up to 4 lanes without an instruction that SSE4.1 does not promise. */
+static inline uint32_t lm_count(uint32_t bits) {
+#if DF_LANES <= 4
+    return (uint32_t)(0x4332322132212110u >> 4 * bits & 15);
+#else
+    return (uint32_t)__builtin_popcount(bits);
+#endif
+}
+#endif
+
 #if DF_LANES == 1
 #define DF_DOUBLE_LANES 1
 #else

@@ -31,10 +31,37 @@ static inline bool df_leaf_sample(const df_field *field, const int64_t at[3], fl
     return true;
 }
 
+/* The 4 samples beyond a face of a leaf of 2^size_log2 voxels, from the cell of its size there or the larger leaf
+ * around that; false outside the root cube. */
+static inline bool df_leaf_face(const df_field *field, const uint32_t corner[3], uint32_t size_log2, int axis,
+                                int after, float value[4]) {
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    const int64_t size = (int64_t)1 << size_log2;
+    int64_t lower[3] = {corner[0], corner[1], corner[2]};
+    double middle[3], within[3];
+    df_adf_cell cell;
+    float corners[8];
+    lower[axis] += after ? size : -size;
+    if (lower[axis] < 0 || lower[axis] >= (int64_t)1 << field->level_count) return false;
+    for (int a = 0; a < 3; a++) middle[a] = (double)lower[a] + 0.5 * (double)size;
+    df_octree_find(field, middle, field->level_count - size_log2, &cell);
+    df_octree_corners(field, cell.family, cell.child, corners);
+    for (int i = 0; i < 4; i++) {
+        if (cell.side == 1u << size_log2) {
+            value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
+            continue;
+        }
+        within[axis] = (double)(lower[axis] + (after ? size : 0) - cell.corner[axis]) / cell.side;
+        within[u] = (double)(lower[u] + (i & 1) * size - cell.corner[u]) / cell.side;
+        within[v] = (double)(lower[v] + (i >> 1) * size - cell.corner[v]) / cell.side;
+        value[i] = (float)df_leaf_interpolate(corners, within);
+    }
+    return true;
+}
+
 /* df_scene_leaf_stencil (scene.h). */
 static inline void df_leaf_stencil(const df_field *field, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
                                    int reach, float *stencil, size_t step) {
-    const int stride[3] = {1, 4, 16};
     const int64_t size = (int64_t)1 << size_log2;
     const uint32_t child = block & 7;
     float corners[8];
@@ -42,24 +69,21 @@ static inline void df_leaf_stencil(const df_field *field, const uint32_t corner[
     for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
     for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++) {
         const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
-        float sibling[8]; /* the neighbour within the family, when it is on that side */
-        const bool sibling_holds = (child >> axis & 1) != (uint32_t)after;
-        if (sibling_holds) df_octree_corners(field, block >> 3, child ^ 1u << axis, sibling);
+        float value[4];
+        bool stored = true;
+        if ((child >> axis & 1) != (uint32_t)after) { /* the neighbour is of the same family */
+            df_octree_corners(field, block >> 3, child ^ 1u << axis, corners);
+            for (int i = 0; i < 4; i++) value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
+        } else {
+            stored = df_leaf_face(field, corner, size_log2, axis, after, value);
+        }
         for (int i = 0; i < 4; i++) {
-            const int at = DF_STENCIL(0, 0, 0) + (i & 1) * stride[u] + (i >> 1) * stride[v];
-            float *out = &stencil[(size_t)(at + (after ? 2 : -1) * stride[axis]) * step];
-            if (sibling_holds) {
-                *out = sibling[(i & 1) << u | (i >> 1) << v | after << axis];
-                continue;
-            }
-            int64_t place[3];
-            place[axis] = (int64_t)corner[axis] + (after ? 2 * size : -size);
-            place[u] = (int64_t)corner[u] + (i & 1) * size;
-            place[v] = (int64_t)corner[v] + (i >> 1) * size;
-            if (df_leaf_sample(field, place, out)) continue;
-            const float near = stencil[(size_t)(at + (after ? stride[axis] : 0)) * step];
-            const float next = stencil[(size_t)(at + (after ? 0 : stride[axis])) * step];
-            *out = (near + near) - next;
+            int at[3];
+            at[axis] = after ? 2 : -1;
+            at[u] = i & 1;
+            at[v] = i >> 1;
+            stencil[(size_t)DF_STENCIL(at[0], at[1], at[2]) * step] =
+                stored ? value[i] : df_stencil_extend(stencil, step, at);
         }
     }
     for (int outside = 2; reach == DF_REACH_ALL && outside <= 3; outside++) {
