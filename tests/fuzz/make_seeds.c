@@ -1,8 +1,10 @@
-/* make_seeds FOLDER: writes the seed corpora: small valid inputs of every kind, in FOLDER/dfield, FOLDER/mesh and
- * FOLDER/options. */
+/* make_seeds FOLDER: writes the seed corpora: small valid inputs of every kind, in FOLDER/dfield, FOLDER/mesh,
+ * FOLDER/exchange, FOLDER/trace and FOLDER/options. */
 #include "../fields.h"
 #include "common/field_file.h"
 #include "common/memory.h"
+#include "convert/array_file.h"
+#include "convert/vdb.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -83,6 +85,46 @@ static void put_fields(void) {
     remove(path);
 }
 
+/* A file that a library wrote, with a first byte that says which. */
+static void put_file(const char *corpus, const char *name, int first, const char *path) {
+    static uint8_t bytes[1 << 20];
+    FILE *file = fopen(path, "rb");
+    const size_t size = file ? fread(bytes, 1, sizeof bytes, file) : 0;
+    if (!file || fclose(file) != 0) exit(1);
+    put(corpus, name, first, bytes, size);
+    remove(path);
+}
+
+static void put_exchange(void) {
+    static const char *const names[] = {"sphere.npy", "sphere.nrrd", "sphere.vdb"};
+    const uint32_t voxels[3] = {7, 5, 6};
+    df_field field;
+    df_error err = {0};
+    if (test_field_sphere(&field, DF_FIELD_DENSE, 0, voxels, 1.7, &err) != DF_OK) exit(1);
+    for (int i = 0; i < 3; i++) {
+        char path[4096];
+        snprintf(path, sizeof path, "%s/%s", folder, names[i]);
+        if ((i < 2 ? df_array_write(&field, path, &err) : df_vdb_write(&field, 0, path, &err)) != DF_OK) exit(1);
+        put_file("exchange", names[i], i, path);
+    }
+    df_field_free(&field);
+}
+
+/* Samples of every structure for fuzz_trace: a wave, and noise. */
+static void put_traces(void) {
+    for (uint8_t kind = 0; kind < 6; kind++) {
+        uint8_t bytes[8 + 512] = {kind, kind / 3 * 3, 7, 5, 10, 0, kind, 0};
+        char name[16];
+        uint32_t random = 12345;
+        for (int i = 0; i < 512; i++) {
+            random = random * 1664525u + 1013904223u;
+            bytes[8 + i] = kind < 3 ? (uint8_t)(i % 13 * 9 - 50) : (uint8_t)(random >> 24);
+        }
+        snprintf(name, sizeof name, "%d", kind);
+        put("trace", name, -1, bytes, sizeof bytes);
+    }
+}
+
 static void put_text(const char *name, int format, const char *text) { put("mesh", name, format, text, strlen(text)); }
 
 static void put_meshes(void) {
@@ -124,6 +166,8 @@ int main(int argc, char **argv) {
     if (mkdir(folder, 0777) != 0 && errno != EEXIST) return 1;
     put_fields();
     put_meshes();
+    put_exchange();
+    put_traces();
     static const char *const options[] = {"256", "1280x1024", "-1.5e-3", "1,2.5,-3", "bricks", "z=0.5", "a b'c/d.obj"};
     for (size_t i = 0; i < sizeof options / sizeof options[0]; i++) {
         char name[8];

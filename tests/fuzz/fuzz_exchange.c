@@ -1,0 +1,30 @@
+/* Arrays and level sets of other programs. The first byte of the input chooses the format; the readers want files, so
+ * it is written to one. */
+#include "convert/array_file.h"
+#include "convert/vdb.h"
+#include "fuzz.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static const char *const extensions[] = {"npy", "nrrd", "vdb"};
+    char path[64];
+    if (size < 2) return 0;
+    const int format = data[0] % 3;
+    snprintf(path, sizeof path, "/tmp/fuzz-exchange-%ld.%s", (long)getpid(), extensions[format]);
+    FILE *file = fopen(path, "wb");
+    if (!file || fwrite(data + 1, 1, size - 1, file) != size - 1 || fclose(file) != 0) abort();
+    df_field field = {0};
+    df_vdb *vdb = NULL;
+    df_vdb_info info;
+    df_error err = {0};
+    df_status status =
+        format < 2 ? df_array_read(path, 0, &field, &err) : df_vdb_read(path, NULL, 8, &vdb, &info, &err);
+    remove(path);
+    if (status != DF_OK && !err.text[0]) abort(); /* refused without a reason */
+    df_field_free(&field);
+    if (vdb) df_vdb_free(vdb);
+    return 0;
+}

@@ -1,0 +1,69 @@
+/* Any samples and any rays: every tracer ends, stays in the box, and finds the hits of the scalar walk. The first bytes
+ * choose structure and size, the next the rays' seed and the scale; the rest are the samples, over and over. */
+#include "../fields.h"
+#include "../tracing.h"
+#include "fuzz.h"
+#include "render/methods/solve_methods.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { RAYS = 64, HEADER = 8 };
+
+typedef struct bytes {
+    const uint8_t *data;
+    size_t size;
+    uint32_t side;
+    double scale;
+} bytes;
+
+static double sample(const double grid[3], const void *context) {
+    const bytes *b = context;
+    const size_t at = (size_t)grid[0] + (size_t)b->side * ((size_t)grid[1] + (size_t)b->side * (size_t)grid[2]);
+    return (double)(int8_t)b->data[at % b->size] * b->scale;
+}
+
+static void check(const df_scene *scene, uint64_t seed) {
+    double box[3], origins[3 * RAYS], directions[3 * RAYS];
+    test_hit expected[RAYS], hits[RAYS];
+    bool is_first = true;
+    df_error err = {0};
+    for (int a = 0; a < 3; a++) box[a] = scene->voxel_count[a];
+    test_random_rays(RAYS, seed, box, origins, directions);
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        df_rays rays = {0};
+        if ((*tracer)->suits && !(*tracer)->suits(scene, NULL)) continue;
+        test_hit *out = is_first ? expected : hits;
+        is_first = false;
+        if (test_trace(*tracer, scene, DF_SOLVE_ROBUST, 0, origins, directions, RAYS, &rays, out, &err) != DF_OK)
+            abort();
+        for (int i = 0; i < RAYS; i++) {
+            if (out[i].hit && !isfinite(out[i].t)) abort();
+            if (!test_same_hit(&out[i], &expected[i])) abort();
+            for (int a = 0; a < 3 && out[i].hit; a++) {
+                if (out[i].cell[a] >= scene->voxel_count[a]) abort();
+            }
+        }
+        df_rays_free(&rays);
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
+    if (size <= HEADER) return 0;
+    const df_field_kind kind = kinds[data[0] % 3];
+    const uint32_t brick = data[1] & 1 ? 8 : 4, count[3] = {1 + data[2] % 12, 1 + data[3] % 12, 1 + data[4] % 12};
+    const bytes values = {data + HEADER, size - HEADER, 13, ldexp(1, (int8_t)data[5])};
+    df_field field = {0};
+    df_scene scene = {0};
+    df_error err = {0};
+    const df_scene_options options = {.levels = kind == DF_FIELD_DENSE && data[1] & 2 ? 1 : 0};
+    df_status status = test_field_from_function(&field, kind, brick, count, sample, &values, &err);
+    if (status == DF_OK) status = df_scene_prepare(&field, (float)(int8_t)data[7], &options, &scene, &err);
+    if (status == DF_OK) check(&scene, data[6]);
+    else if (!err.text[0]) abort();
+    df_scene_free(&scene);
+    df_field_free(&field);
+    return 0;
+}
