@@ -65,6 +65,29 @@ def median(rows, column):
     return statistics.median(float(row[column]) for row in rows)
 
 
+def draw_bars(path, title, times):
+    """A chart of {label: ms} as path.svg; says so where gnuplot is missing."""
+    if not shutil.which("gnuplot"):
+        print(f"skipped: {path}.svg (no gnuplot)")
+        return
+    rows = "\n".join(f'{i} {ms:.6g} "{label}"' for i, (label, ms) in enumerate(times.items()))
+    script = f"""set terminal svg size {max(480, 60 + 44 * len(times))},420 dynamic font 'sans,12' background '#ffffff'
+set output '{path}.svg'
+set title '{title}' noenhanced
+set ylabel 'ms a frame'
+set yrange [0:*]
+set grid ytics
+set style fill solid
+set boxwidth 0.7
+set xtics rotate by -40 noenhanced
+$times << END
+{rows}
+END
+plot $times using 1:2:xtic(3) with boxes lc rgb '#0072b2' notitle
+"""
+    subprocess.run(["gnuplot"], input=script, text=True, check=True)
+
+
 def write_csv(path, rows):
     with open(path, "w", newline="") as out:
         writer = csv.DictWriter(out, fieldnames=list(rows[0]))
