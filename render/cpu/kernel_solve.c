@@ -148,52 +148,85 @@ void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *o
     }
 }
 
-/* What splatting found for DF_LANES rays, for the hits from `at` on. */
-static void take_splats(const df_splat_job *job, const int32_t ray[DF_LANES], batch *in, df_hits *hits, uint32_t at) {
+/* What splatting found, waiting to be solved DF_LANES at a time. */
+typedef struct splats {
+    uint32_t count;
+    int32_t ray[2 * DF_LANES], record[2 * DF_LANES], block[2 * DF_LANES];
+    float direction[3][2 * DF_LANES];
+} splats;
+
+/* Takes what was found for the DF_LANES rays from `first` on, of which `lanes` count. */
+static void take_splats(const df_splat_job *job, uint32_t first, lm lanes, splats *found) {
+    int32_t number[DF_LANES];
+    for (int i = 0; i < DF_LANES; i++) number[i] = (int32_t)first + i;
+    const lm hit = lm_and(lanes, lf_lt(lf_load(job->depth + first), lf_set(INFINITY)));
+    const uint32_t at = found->count;
+    if (!lm_any(hit)) return;
+    li_compress(found->ray + at, hit, li_load(number));
+    li_compress(found->record + at, hit, li_load((const int32_t *)job->record + first));
+    li_compress(found->block + at, hit, li_load((const int32_t *)job->block + first));
+    for (int a = 0; a < 3; a++)
+        lf_compress(found->direction[a] + at, hit, lf_load(job->tile->rays.direction[a] + first));
+    found->count += lm_count(lm_bits(hit));
+}
+
+/* Solves up to DF_LANES of what waits. */
+static void solve_splats(const df_splat_job *job, const df_trace_options *options, splats *found, df_hits *hits) {
     const df_surface *surface = job->surface;
-    const df_rays *rays = &job->tile->rays;
-    const li rays_of = li_load(ray), found = li_gather((const int32_t *)job->record, rays_of);
-    const li block = li_gather((const int32_t *)job->block, rays_of), back = li_shift_right(found, 31),
-             record = li_and(found, li_set((int32_t)~DF_SPLAT_BACK)), mask = li_set((int32_t)job->scene->k - 1);
-    const li voxel = li_gather((const int32_t *)surface->voxels, record);
-    int32_t records[DF_LANES], blocks[DF_LANES], backs[DF_LANES];
+    const uint32_t lanes = found->count < DF_LANES ? found->count : DF_LANES, at = hits->count;
+    for (uint32_t i = lanes; i < DF_LANES; i++) { /* repeats the first */
+        found->record[i] = found->record[0];
+        found->block[i] = found->block[0];
+        for (int a = 0; a < 3; a++) found->direction[a][i] = found->direction[a][0];
+    }
+    const li block = li_load(found->block), back = li_shift_right(li_load(found->record), 31),
+             record = li_and(li_load(found->record), li_set((int32_t)~DF_SPLAT_BACK)),
+             voxel = li_gather((const int32_t *)surface->voxels, record), mask = li_set((int32_t)job->scene->k - 1);
+    int32_t records[DF_LANES], backs[DF_LANES];
+    batch in;
     li_store(records, record);
-    li_store(blocks, block);
     li_store(backs, back);
-    li_store((int32_t *)hits->ray + at, rays_of);
+    li_store((int32_t *)hits->ray + at, li_load(found->ray));
     li_store((int32_t *)hits->block + at, block);
+    for (uint32_t i = 0; i < lanes; i++) hits->flags[at + i] = (uint8_t)backs[i];
     for (int a = 0; a < 3; a++) {
         const li cell = li_add(li_gather((const int32_t *)surface->corner[a], block),
                                li_and(li_shift_right(voxel, a * (int)job->scene->k_shift), mask));
         li_store_u16(hits->cell[a] + at, cell);
-        in->cell[a] = lf_from_li(cell);
-        in->origin[a] = lf_set(rays->origin[a][0]);
-        in->direction[a] = lf_gather(rays->direction[a], rays_of);
+        in.cell[a] = lf_from_li(cell);
+        in.origin[a] = lf_set(job->tile->rays.origin[a][0]);
+        in.direction[a] = lf_load(found->direction[a]);
     }
-    in->inside = lf_from_li(back);
-    for (int i = 0; i < DF_LANES; i++) hits->flags[at + (uint32_t)i] = (uint8_t)backs[i];
-    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, surface, records, blocks,
-                     in->corner);
+    in.inside = lf_from_li(back);
+    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, surface, records, found->block,
+                     in.corner);
+    solve_batch(&in, true, options, hits, at);
+    hits->count += lanes;
+    found->count -= lanes;
+    li_store(found->ray, li_load(found->ray + DF_LANES));
+    li_store(found->record, li_load(found->record + DF_LANES));
+    li_store(found->block, li_load(found->block + DF_LANES));
+    for (int a = 0; a < 3; a++) lf_store(found->direction[a], lf_load(found->direction[a] + DF_LANES));
 }
 
+/* Hits come in squares of pixels this wide, so that what they read of the field stays in the nearest cache. */
+#define SQUARE 16u
+
 void DF_KERNEL(df_kernel_splat_solve)(const df_splat_job *job, const df_trace_options *options, df_hits *hits) {
-    const uint32_t rays = job->tile->rays.count;
-    int32_t lane[DF_LANES], ray[2 * DF_LANES];
-    uint32_t waiting = 0;
-    for (int i = 0; i < DF_LANES; i++) lane[i] = i;
-    for (uint32_t first = 0; first < rays || waiting; first += DF_LANES) {
-        lm hit = lm_first(0);
-        if (first < rays) hit = lf_lt(lf_load(job->depth + first), lf_set(INFINITY));
-        li_compress(ray + waiting, hit, li_add(li_load(lane), li_set((int32_t)first)));
-        waiting += lm_count(lm_bits(hit));
-        if (waiting < DF_LANES && first < rays) continue;
-        const uint32_t lanes = waiting < DF_LANES ? waiting : DF_LANES;
-        for (uint32_t i = lanes; i < DF_LANES; i++) ray[i] = ray[0];
-        batch in;
-        take_splats(job, ray, &in, hits, hits->count);
-        solve_batch(&in, true, options, hits, hits->count);
-        hits->count += lanes;
-        waiting -= lanes;
-        li_store(ray, li_load(ray + DF_LANES));
+    const uint32_t width = job->tile->width, height = job->tile->height;
+    splats found;
+    found.count = 0;
+    for (uint32_t top = 0; top < height; top += SQUARE) {
+        for (uint32_t left = 0; left < width; left += SQUARE) {
+            const uint32_t bottom = top + SQUARE < height ? top + SQUARE : height;
+            const uint32_t right = left + SQUARE < width ? left + SQUARE : width;
+            for (uint32_t y = top; y < bottom; y++) {
+                for (uint32_t x = left; x < right; x += DF_LANES) {
+                    take_splats(job, y * width + x, lm_first(right - x), &found);
+                    if (found.count >= DF_LANES) solve_splats(job, options, &found, hits);
+                }
+            }
+        }
     }
+    if (found.count) solve_splats(job, options, &found, hits);
 }

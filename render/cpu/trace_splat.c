@@ -178,8 +178,10 @@ static df_status make_workers(splat_state *state, df_error *err) {
         splat_worker *worker = &state->workers[i];
         status = df_alloc_raw((void **)&worker->depth, rays + DF_RAY_PADDING, sizeof *worker->depth, "depths", err);
         if (status == DF_OK)
-            status = df_alloc_raw((void **)&worker->record, rays, sizeof *worker->record, "depths", err);
-        if (status == DF_OK) status = df_alloc_raw((void **)&worker->block, rays, sizeof *worker->block, "depths", err);
+            status =
+                df_alloc_raw((void **)&worker->record, rays + DF_RAY_PADDING, sizeof *worker->record, "depths", err);
+        if (status == DF_OK)
+            status = df_alloc_raw((void **)&worker->block, rays + DF_RAY_PADDING, sizeof *worker->block, "depths", err);
     }
     return status;
 }
