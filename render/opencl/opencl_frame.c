@@ -21,9 +21,7 @@ typedef struct frame_buffer {
     uint64_t size;
 } frame_buffer;
 
-enum { KERNEL_TRACE_VIEW, KERNEL_CGT_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
-static const char *const kernel_names[KERNEL_COUNT] = {"df_trace_view", "df_cgt_view", "df_shade_view", "df_trace_rays",
-                                                       "df_solve_rays"};
+enum { KERNEL_TRACE_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
 
 enum { SCENE_SAMPLES, SCENE_EXPONENTS, SCENE_COARSE, SCENE_MASKS, SCENE_ARRAYS };
 enum { SCENE_ARGUMENTS = 5 }; /* of every kernel: the grid and the arrays */
@@ -32,7 +30,7 @@ struct df_opencl_renderer {
     df_opencl device;
     const df_scene *scene;
     df_opencl_options options;
-    size_t group[2];
+    size_t group[2], ray_group; /* work items of a group: in x and y, of arbitrary rays */
     cl_kernel kernels[KERNEL_COUNT];
     cl_mem arrays[SCENE_ARRAYS], shade_table;
     cl_mem image;     /* of the samples; NULL: gradients read the buffer */
@@ -40,7 +38,7 @@ struct df_opencl_renderer {
     frame_buffer found, candidates, counts, rgb, depth, normals, rays, t, positions, intervals;
     cl_event events[8]; /* of the commands that are under way */
     uint32_t event_count;
-    double upload_ms;
+    double build_ms, upload_ms;
 };
 
 /* ---- the field ---- */
@@ -252,17 +250,39 @@ static df_status upload(df_opencl_renderer *r, df_error *err) {
     return r->shade_table ? DF_OK : df_opencl_check(code, "clCreateBuffer", r->device.info.name, err);
 }
 
-/* The work group: as asked for, or what the device has room for. */
-static df_status choose_group(df_opencl_renderer *r, df_error *err) {
-    const uint32_t *wanted = r->options.group;
-    size_t most = r->device.info.group_max;
-    for (int i = 0; i < KERNEL_COUNT; i++) {
+/* Creates kernels of the program, and lowers *most to the work items that they have room for in a group. */
+static df_status create_kernels(df_opencl_renderer *r, const char *const names[2], cl_kernel kernels[2], size_t *most,
+                                df_error *err) {
+    const df_grid grid = make_grid(r->scene);
+    const kernel_argument arguments[SCENE_ARGUMENTS] = {ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]),
+                                                        ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
+    df_status status = DF_OK;
+    for (int i = 0; i < 2 && status == DF_OK; i++) {
         size_t of_kernel;
-        if (!r->kernels[i]) continue;
-        DF_CL(&r->device, GetKernelWorkGroupInfo, r->kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE,
+        status = df_opencl_kernel(&r->device, names[i], &kernels[i], err);
+        if (status == DF_OK) status = set_arguments(r, kernels[i], 0, arguments, SCENE_ARGUMENTS, err);
+        if (status != DF_OK) return status;
+        DF_CL(&r->device, GetKernelWorkGroupInfo, kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE,
               sizeof of_kernel, &of_kernel, NULL);
-        if (of_kernel < most) most = of_kernel;
+        if (of_kernel < *most) *most = of_kernel;
     }
+    return status;
+}
+
+/* Builds for the structure of the scene. part: what the build is to hold. */
+static df_status build_part(df_opencl_renderer *r, const char *part, df_error *err) {
+    char build[128];
+    const df_scene *scene = r->scene;
+    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind,
+             scene->levels, scene->k, (int)scene->field->sample_type, part);
+    df_status status = df_opencl_build(&r->device, build, r->options.log, err);
+    r->build_ms += r->device.build_ms;
+    return status;
+}
+
+/* The work group: as asked for, or what there is room for. */
+static df_status choose_group(df_opencl_renderer *r, size_t most, df_error *err) {
+    const uint32_t *wanted = r->options.group;
     if (wanted[0] && (uint64_t)wanted[0] * wanted[1] > most) {
         return df_fail(err, DF_ERROR_UNSUPPORTED, "%s: work groups of %ux%u: at most %zu work items fit",
                        r->device.info.name, wanted[0], wanted[1], most);
@@ -273,21 +293,26 @@ static df_status choose_group(df_opencl_renderer *r, df_error *err) {
     return DF_OK;
 }
 
-static df_status open_kernels(df_opencl_renderer *r, df_error *err) {
-    char build[128];
-    const df_scene *scene = r->scene;
-    snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind,
-             scene->levels, scene->k, (int)scene->field->sample_type, r->image ? " -DDF_IMAGES" : "");
-    df_status status = df_opencl_build(&r->device, build, r->options.log, err);
-    const df_grid grid = make_grid(scene);
-    const kernel_argument arguments[SCENE_ARGUMENTS] = {ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]),
-                                                        ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
-    for (int i = 0; i < KERNEL_COUNT && status == DF_OK; i++) {
-        if (i == KERNEL_CGT_VIEW && r->options.tracer != DF_OPENCL_CGT) continue;
-        status = df_opencl_kernel(&r->device, kernel_names[i], &r->kernels[i], err);
-        if (status == DF_OK) status = set_arguments(r, r->kernels[i], 0, arguments, SCENE_ARGUMENTS, err);
-    }
-    return status == DF_OK ? choose_group(r, err) : status;
+static df_status open_view_kernels(df_opencl_renderer *r, df_error *err) {
+    const bool packets = r->options.tracer == DF_OPENCL_CGT;
+    const char *const names[] = {packets ? "df_cgt_view" : "df_trace_view", "df_shade_view"};
+    char part[32];
+    size_t most = r->device.info.group_max;
+    snprintf(part, sizeof part, "%s%s", packets ? " -DDF_CGT" : "", r->image ? " -DDF_IMAGES" : "");
+    df_status status = build_part(r, part, err);
+    if (status == DF_OK) status = create_kernels(r, names, r->kernels + KERNEL_TRACE_VIEW, &most, err);
+    return status == DF_OK ? choose_group(r, most, err) : status;
+}
+
+/* When rays are first asked for: most pictures need none. */
+static df_status open_ray_kernels(df_opencl_renderer *r, df_error *err) {
+    static const char *const names[] = {"df_trace_rays", "df_solve_rays"};
+    size_t most = r->group[0] * r->group[1];
+    if (r->kernels[KERNEL_SOLVE_RAYS]) return DF_OK;
+    df_status status = build_part(r, " -DDF_RAYS", err);
+    if (status == DF_OK) status = create_kernels(r, names, r->kernels + KERNEL_TRACE_RAYS, &most, err);
+    r->ray_group = most;
+    return status;
 }
 
 df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *scene, const df_opencl_options *options,
@@ -305,14 +330,14 @@ df_status df_opencl_renderer_open(const df_opencl_info *info, const df_scene *sc
     status = df_opencl_open(info, &r->device, err);
     if (status == DF_OK && options->bounds) status = df_bounds_prepare(scene, options->bounds, &r->bounds, err);
     if (status == DF_OK) status = upload(r, err);
-    if (status == DF_OK) status = open_kernels(r, err);
+    if (status == DF_OK) status = open_view_kernels(r, err);
     if (status != DF_OK) df_opencl_renderer_close(r);
     else *out = r;
     return status;
 }
 
 void df_opencl_renderer_costs(const df_opencl_renderer *r, double *build_ms, double *upload_ms) {
-    *build_ms = r->device.build_ms;
+    *build_ms = r->build_ms;
     *upload_ms = r->upload_ms;
 }
 
@@ -352,7 +377,7 @@ static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_
     const bool packets = r->options.tracer == DF_OPENCL_CGT;
     const uint32_t argument_count =
         sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
-    cl_kernel kernel = r->kernels[packets ? KERNEL_CGT_VIEW : KERNEL_TRACE_VIEW];
+    cl_kernel kernel = r->kernels[KERNEL_TRACE_VIEW];
     if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
     return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
 }
@@ -496,7 +521,7 @@ static df_status queue_rays(df_opencl_renderer *r, const df_rays *rays, df_error
     const cl_uint count = rays->count, origin_step = !rays->shared_origin;
     const cl_int solve = r->options.solve, steps = r->options.steps, isolate = DF_SOLVE_ISOLATES(solve);
     const cl_mem none = NULL;
-    const size_t extent[2] = {count, 1}, group[2] = {r->group[0] * r->group[1], 1};
+    const size_t extent[2] = {count, 1}, group[2] = {r->ray_group, 1};
     df_status status = grow(r, &r->found, count, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, count * 16ull, "hits", err);
     if (status == DF_OK) status = grow(r, &r->t, count * 8ull, "hits", err);
@@ -544,7 +569,8 @@ df_status df_opencl_renderer_trace(df_opencl_renderer *r, const df_rays *rays, d
     ray_results results;
     df_status status = alloc_results(rays->count, &results, err);
     if (status == DF_OK && rays->count > 0) {
-        status = upload_rays(r, rays, err);
+        status = open_ray_kernels(r, err);
+        if (status == DF_OK) status = upload_rays(r, rays, err);
         if (status == DF_OK) status = queue_rays(r, rays, err);
         if (status == DF_OK) status = read_back(r, r->found.memory, results.found, rays->count, err);
         if (status == DF_OK) status = read_back(r, r->candidates.memory, results.candidates, rays->count * 16ull, err);

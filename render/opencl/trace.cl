@@ -1,10 +1,13 @@
 /*
- * First hits, and pictures of them: the kernels. The maths is the CPU's own text.
+ * First hits, and pictures of them: the kernels. The maths is the CPU's own text. As compilers take seconds, a build holds what is needed
+ * together: the kernels of views, df_trace_view or, with DF_CGT, df_cgt_view, and df_shade_view; or, with DF_RAYS, those of arbitrary rays.
  */
 #include "render/opencl/scene.cl"
 
-#include "render/methods/adf.h"
 #include "render/methods/dda.h"
+#if DF_LEVELS == 0
+#include "render/methods/adf.h"
+#endif
 #include "render/methods/hit.h"
 #include "render/methods/ray.h"
 #include "render/methods/shade.h"
@@ -40,35 +43,19 @@ static inline void df_find(const df_scene *scene, int isolate, const dda_ray *ra
     df_store_found(hit, &candidate, &counters, i, count, found, candidates, counts);
 }
 
-/* Edge of the squares that bounds are for, pixels: DF_BOUNDS_SQUARE of cpu/bounds.h. */
-#define DF_BOUNDS_SQUARE 8
-
-/* The ray of pixel (x, first_row + y) for the walks. bounds: NULL, or where rays of each square of the row_count rows can meet surface: the
- * least t of all squares, then the greatest. first > last where the ray cannot hit. */
-static inline dda_ray df_pixel_ray(const df_view *view, uint x, uint first_row, uint y, uint row_count, __global const double *bounds) {
-    dda_ray ray = {.first = 0, .last = INFINITY};
-    double t_base;
-    df_view_ray(view, x, first_row + y, ray.origin, ray.direction, &t_base);
-    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
-    if (bounds) {
-        const uint columns = (view->width + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE, rows = (row_count + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE;
-        const size_t square = x / DF_BOUNDS_SQUARE + (size_t)columns * (y / DF_BOUNDS_SQUARE);
-        ray.first = (float)(bounds[square] - t_base);
-        ray.last = (float)(bounds[square + (size_t)columns * rows] - t_base);
-    }
-    return ray;
+static inline double df_solve_candidate(const df_scene *scene, int solve, int steps, const float origin[3], const float direction[3],
+                                        uint flags, uint4 candidate, uint32_t voxel[3], float position[3]) {
+    float stored[8];
+    voxel[0] = candidate.x & 0xFFFF;
+    voxel[1] = candidate.x >> 16;
+    voxel[2] = candidate.y;
+    df_scene_corners(scene, voxel, candidate.z, stored);
+    return df_hit_solve(solve, steps, origin, direction, voxel, (float)(1u << candidate.w), stored, (flags & DF_FOUND_BACK) != 0, position);
 }
 
-/* Rows first_row to first_row + row_count - 1 of a view, within bounds (df_pixel_ray): writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
- * steps and tested cells as three arrays; the first row at index 0. One work item a pixel, width * row_count, rounded up to work groups. */
-__kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate, __global const double *bounds,
-                            __global uchar *found, __global uint4 *candidates, __global uint *counts) {
-    const uint x = get_global_id(0), y = get_global_id(1);
-    if (x >= view.width || y >= row_count) return;
-    const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
-    const dda_ray ray = df_pixel_ray(&view, x, first_row, y, row_count, bounds);
-    df_find(&scene, isolate, &ray, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);
-}
+#ifdef DF_RAYS
+
+/* ---- arbitrary rays ---- */
 
 /* Arbitrary rays: 9 arrays of `stride` floats, origin x y z, direction x y z and inverse x y z; origin_step 0: all rays share the first
  * origin, 1: each has its own. Writes as df_trace_view does. One work item a ray, `count`, rounded up to work groups. */
@@ -84,22 +71,6 @@ __kernel void df_trace_rays(DF_SCENE_PARAMETERS, __global const float *rays, uin
         ray.inverse[a] = rays[pitch * (6 + a) + i];
     }
     df_find(&scene, isolate, &ray, i, count, found, candidates, counts);
-}
-
-#if DF_LEVELS
-#include "render/opencl/cgt.cl"
-#endif
-
-/* ---- solving and shading ---- */
-
-static inline double df_solve_candidate(const df_scene *scene, int solve, int steps, const float origin[3], const float direction[3],
-                                        uint flags, uint4 candidate, uint32_t voxel[3], float position[3]) {
-    float stored[8];
-    voxel[0] = candidate.x & 0xFFFF;
-    voxel[1] = candidate.x >> 16;
-    voxel[2] = candidate.y;
-    df_scene_corners(scene, voxel, candidate.z, stored);
-    return df_hit_solve(solve, steps, origin, direction, voxel, (float)(1u << candidate.w), stored, (flags & DF_FOUND_BACK) != 0, position);
 }
 
 /* The hits of arbitrary rays that df_trace_rays has found: t without the ray's t_base, and the position in the cell as 3 arrays of `count`.
@@ -119,6 +90,44 @@ __kernel void df_solve_rays(DF_SCENE_PARAMETERS, __global const float *rays, uin
     t[i] = df_solve_candidate(&scene, solve, steps, origin, direction, found[i], candidates[i], voxel, position);
     for (int a = 0; a < 3; a++) positions[i + (size_t)count * a] = position[a];
 }
+
+#else
+
+/* ---- views ---- */
+
+/* Edge of the squares that bounds are for, pixels: DF_BOUNDS_SQUARE of cpu/bounds.h. */
+#define DF_BOUNDS_SQUARE 8
+
+/* The ray of pixel (x, first_row + y) for the walks. bounds: NULL, or where rays of each square of the row_count rows can meet surface: the
+ * least t of all squares, then the greatest. first > last where the ray cannot hit. */
+static inline dda_ray df_pixel_ray(const df_view *view, uint x, uint first_row, uint y, uint row_count, __global const double *bounds) {
+    dda_ray ray = {.first = 0, .last = INFINITY};
+    double t_base;
+    df_view_ray(view, x, first_row + y, ray.origin, ray.direction, &t_base);
+    for (int a = 0; a < 3; a++) ray.inverse[a] = 1.0f / ray.direction[a];
+    if (bounds) {
+        const uint columns = (view->width + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE, rows = (row_count + DF_BOUNDS_SQUARE - 1) / DF_BOUNDS_SQUARE;
+        const size_t square = x / DF_BOUNDS_SQUARE + (size_t)columns * (y / DF_BOUNDS_SQUARE);
+        ray.first = (float)(bounds[square] - t_base);
+        ray.last = (float)(bounds[square + (size_t)columns * rows] - t_base);
+    }
+    return ray;
+}
+
+#ifdef DF_CGT
+#include "render/opencl/cgt.cl"
+#else
+/* Rows first_row to first_row + row_count - 1 of a view, within bounds (df_pixel_ray): writes found and candidates (grid.h), and counts unless NULL: coarse steps, fine
+ * steps and tested cells as three arrays; the first row at index 0. One work item a pixel, width * row_count, rounded up to work groups. */
+__kernel void df_trace_view(DF_SCENE_PARAMETERS, const df_view view, uint first_row, uint row_count, int isolate, __global const double *bounds,
+                            __global uchar *found, __global uint4 *candidates, __global uint *counts) {
+    const uint x = get_global_id(0), y = get_global_id(1);
+    if (x >= view.width || y >= row_count) return;
+    const df_scene scene = df_scene_make(DF_SCENE_ARGUMENTS);
+    const dda_ray ray = df_pixel_ray(&view, x, first_row, y, row_count, bounds);
+    df_find(&scene, isolate, &ray, x + (size_t)view.width * y, (size_t)view.width * row_count, found, candidates, counts);
+}
+#endif
 
 static inline void df_put_colour(__global uchar *rgb, size_t i, __global const uchar *table, const float linear[3]) {
     for (int c = 0; c < 3; c++) rgb[3 * i + c] = table[(uint)(linear[c] * (DF_SHADE_LEVELS - 1) + 0.5f)];
@@ -170,3 +179,5 @@ __kernel void df_shade_view(DF_SCENE_PARAMETERS, const df_view view, uint first_
         for (int a = 0; a < 3; a++) normals[3 * i + a] = normal[a];
     }
 }
+
+#endif
