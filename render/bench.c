@@ -36,6 +36,37 @@ static df_status frame_view(const df_settings *settings, const df_field *field, 
     return df_view_make(&camera, field, settings->width, settings->height, view, err);
 }
 
+/* Frames that devices take in turn. */
+static df_status run_dealt(df_bench *bench, df_devices *devices, const df_settings *settings, const df_field *field,
+                           df_error *err) {
+    const uint32_t parts = df_devices_parts(devices);
+    const uint64_t pixels = (uint64_t)settings->width * settings->height;
+    df_picture pictures[DF_DEVICE_MAX] = {{0}};
+    df_view *views;
+    df_status status = df_alloc((void **)&views, bench->frames, sizeof *views, "views", err);
+    for (uint32_t i = 0; i < bench->frames && status == DF_OK; i++)
+        status = frame_view(settings, field, 360.0 * i / bench->frames, &views[i], err);
+    for (uint32_t i = 0; i < parts && status == DF_OK; i++) {
+        pictures[i] = (df_picture){.width = settings->width, .height = settings->height};
+        status = df_alloc((void **)&pictures[i].rgb, pixels, 3, "pictures", err);
+    }
+    for (uint32_t repeat = 0; repeat < bench->repeats && status == DF_OK; repeat++) {
+        status = df_devices_frames(devices, views, bench->frames, pictures, NULL, &bench->stats, err);
+        bench->repeat_ms[repeat] = bench->stats.frame_ms / bench->frames;
+    }
+    bench->stats.rays_hitting = 0;
+    memset(&bench->stats.counters, 0, sizeof bench->stats.counters);
+    for (uint32_t i = 0; i < bench->frames && status == DF_OK; i++) {
+        df_frame_stats counts = {0}; /* by a device: no device is named twice but OpenCL's */
+        status = df_count_entering(&views[i], &counts.rays_entering, err);
+        if (status == DF_OK) status = df_devices_count(devices, &views[i], &counts, err);
+        add(&bench->stats, &counts);
+    }
+    for (uint32_t i = 0; i < parts; i++) free(pictures[i].rgb);
+    free(views);
+    return status;
+}
+
 df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *settings, const df_field *field,
                        const df_picture *picture, df_error *err) {
     df_view view;
@@ -47,6 +78,7 @@ df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *
         status = df_alloc((void **)&bench->edit_ms, bench->repeats, sizeof *bench->edit_ms, "bench", err);
     if (status == DF_OK) status = frame_view(settings, field, 0, &view, err);
     if (status == DF_OK) status = df_devices_frame(devices, &view, picture, NULL, err); /* warms up */
+    if (status == DF_OK && bench->deal_frames) return run_dealt(bench, devices, settings, field, err);
     for (uint32_t repeat = 0; repeat < bench->repeats && status == DF_OK; repeat++) {
         double total = 0;
         memset(&bench->stats, 0, sizeof bench->stats);

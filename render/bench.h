@@ -8,6 +8,7 @@
 
 typedef struct df_bench {
     uint32_t frames, repeats;
+    bool deal_frames; /* devices make whole frames, each the next one that waits, not rows of every frame */
     const char *command;
     double *repeat_ms;    /* by repeat: the mean time of its frames; sorted by df_bench_print */
     double *edit_ms;      /* by repeat, for the caller to fill: from an edited field to its picture */

@@ -83,7 +83,7 @@ df_status df_devices_parse(const char *text, df_device_choice *choice, df_error 
 /* ---- opening ---- */
 
 static df_status open_cpu(df_devices *d, device_part *part, df_error *err) {
-    if (d->frame.tracer->whole_frame && d->options.choice.count > 1) {
+    if (d->frame.tracer->whole_frame && d->options.choice.count > 1 && !d->options.deal_frames) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s makes whole pictures: it cannot share one with another device",
                        d->frame.tracer->name);
     }
@@ -296,6 +296,69 @@ df_status df_devices_frame(df_devices *d, const df_view *view, const df_picture 
     if (stats) *stats = sum;
     return DF_OK;
 }
+
+/* Views that parts take in turn. */
+typedef struct frame_queue {
+    const df_view *views;
+    uint32_t count, next; /* the first that nobody has taken; atomic */
+    uint32_t *makers;
+} frame_queue;
+
+typedef struct queue_worker {
+    frame_queue *queue;
+    device_part *part;
+    uint32_t number;
+    df_frame_stats sum;
+} queue_worker;
+
+static void *run_queue(void *opaque) {
+    queue_worker *worker = opaque;
+    frame_queue *queue = worker->queue;
+    device_part *part = worker->part;
+    for (;;) {
+        const uint32_t i = __atomic_fetch_add(&queue->next, 1, __ATOMIC_RELAXED);
+        if (i >= queue->count) return NULL;
+        part->view = &queue->views[i];
+        part->first_row = 0;
+        part->row_count = queue->views[i].height;
+        run_part(part);
+        if (part->status != DF_OK) return NULL;
+        if (queue->makers) queue->makers[i] = worker->number;
+        df_frame_stats_add(&worker->sum, &part->stats);
+    }
+}
+
+df_status df_devices_frames(df_devices *d, const df_view views[], uint32_t count, const df_picture pictures[],
+                            uint32_t makers[], df_frame_stats *stats, df_error *err) {
+    const double start = df_now_ms();
+    frame_queue queue = {views, count, 0, makers};
+    queue_worker workers[DF_DEVICE_MAX];
+    pthread_t threads[DF_DEVICE_MAX];
+    bool started[DF_DEVICE_MAX] = {false};
+    df_frame_stats sum = {.rays_cast = (uint64_t)count * views[0].width * views[0].height};
+    for (uint32_t i = 0; i < d->part_count; i++) {
+        workers[i] = (queue_worker){.queue = &queue, .part = &d->parts[i], .number = i};
+        d->parts[i].picture = &pictures[i];
+        d->parts[i].status = DF_OK;
+        started[i] = i > 0 && pthread_create(&threads[i], NULL, run_queue, &workers[i]) == 0;
+    }
+    run_queue(&workers[0]); /* which is enough where no thread could be started */
+    for (uint32_t i = 1; i < d->part_count; i++) {
+        if (started[i]) pthread_join(threads[i], NULL);
+    }
+    for (uint32_t i = 0; i < d->part_count; i++) {
+        if (d->parts[i].status != DF_OK) {
+            if (err) *err = d->parts[i].error;
+            return d->parts[i].status;
+        }
+        df_frame_stats_add(&sum, &workers[i].sum);
+    }
+    sum.frame_ms = df_now_ms() - start;
+    if (stats) *stats = sum;
+    return DF_OK;
+}
+
+uint32_t df_devices_parts(const df_devices *d) { return d->part_count; }
 
 df_status df_devices_count(df_devices *d, const df_view *view, df_frame_stats *stats, df_error *err) {
     for (uint32_t i = 0; i < d->part_count; i++) {

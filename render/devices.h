@@ -1,6 +1,7 @@
 /*
  * Pictures by the CPU, by OpenCL devices, or by several of them at once: the rows of a picture are divided between
- * them, and the division follows the measured times from picture to picture until all need the same.
+ * them, and the division follows the measured times from picture to picture until all need the same; or of several
+ * pictures each makes the next one that waits.
  */
 #ifndef DF_DEVICES_H
 #define DF_DEVICES_H
@@ -30,6 +31,7 @@ typedef struct df_devices_options {
                           lack; otherwise each takes its own */
     uint32_t group[2]; /* of OpenCL devices: df_opencl_options */
     bool images;
+    bool deal_frames;    /* for df_devices_frames: parts make whole pictures, so that any tracer may share */
     FILE *messages;      /* where the log of a failed build goes and what "auto" has to say; NULL: nowhere */
     const char *program; /* stands before messages */
 } df_devices_options;
@@ -42,6 +44,13 @@ void df_devices_close(df_devices *devices);
 /* Like df_renderer_frame; where an OpenCL device took part, hits and steps are not counted (df_devices_count). */
 df_status df_devices_frame(df_devices *devices, const df_view *view, const df_picture *picture, df_frame_stats *stats,
                            df_error *err);
+
+/* Renders `count` views of the same size, each by one part: who is free takes the next. pictures: one for each part
+ * (df_devices_parts), which holds the last that it made. makers: by view, the part that made it; NULL: not asked for.
+ * stats are summed over views; their frame_ms is the time of them all. */
+df_status df_devices_frames(df_devices *devices, const df_view views[], uint32_t count, const df_picture pictures[],
+                            uint32_t makers[], df_frame_stats *stats, df_error *err);
+uint32_t df_devices_parts(const df_devices *devices);
 
 /* What preparing the field took besides reading it: the CPU's precomputation, or the upload. */
 void df_devices_precomputation(const df_devices *devices, double *ms, uint64_t *bytes);

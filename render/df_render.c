@@ -54,6 +54,7 @@ enum {
     KEY_TILE,
     KEY_DEVICE,
     KEY_LIST_DEVICES,
+    KEY_SHARE,
     KEY_WORK_GROUP,
     KEY_GRADIENT_IMAGE,
     KEY_THREADS,
@@ -149,6 +150,10 @@ static const struct argp_option option_table[] = {
      "with commas, each a part of the "
      "picture, or auto: a GPU where there is one, else the CPU. The picture is the same",
      0},
+    {"share", KEY_SHARE, "rows|frames", 0,
+     "What several devices share: the rows of each picture (default), or the frames of the bench, each made by one "
+     "device, the next that is free",
+     0},
     {"list-devices", KEY_LIST_DEVICES, 0, 0, "Print the devices that --device can name", 0},
     {"gradient-image", KEY_GRADIENT_IMAGE, 0, 0,
      "OpenCL devices read samples for gradients from a 3D image (dense fields)", 0},
@@ -202,6 +207,13 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case KEY_DEPTH: opts->depth_path = argument; return 0;
     case KEY_NORMALS: opts->normals_path = argument; return 0;
     case KEY_DEVICE: check(state, df_devices_parse(argument, &opts->devices.choice, &err), &err); return 0;
+    case KEY_SHARE: {
+        static const char *const choices[] = {"rows", "frames", NULL};
+        uint32_t choice = 0;
+        check(state, df_parse_name("--share", argument, choices, &choice, &err), &err);
+        opts->devices.deal_frames = choice == 1;
+        return 0;
+    }
     case KEY_LIST_DEVICES: opts->list_devices = true; return 0;
     case KEY_GRADIENT_IMAGE: opts->devices.images = true; return 0;
     case KEY_WORK_GROUP:
@@ -234,6 +246,9 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         if (opts->heat && (opts->bench_frames || opts->from_path || opts->devices.choice.automatic ||
                            opts->devices.choice.count != 1 || opts->devices.choice.numbers[0] != DF_DEVICE_CPU)) {
             argp_error(state, "--heat is a picture of the CPU's work: it cannot go with --bench, --from or --device");
+        }
+        if (opts->devices.deal_frames && (!opts->bench_frames || opts->devices.choice.count < 2)) {
+            argp_error(state, "--share frames deals the frames of --bench to several devices: it needs both");
         }
         if (opts->bench_frames && !opts->settings.has_orbit) opts->settings.orbit[0] = opts->settings.orbit[1] = 0;
         if (opts->from_path && opts->mesh_path) argp_error(state, "--from and --export-mesh contradict each other");
@@ -512,7 +527,10 @@ static df_status time_edits(const options *opts, session *s, df_bench *bench, df
 }
 
 static df_status run_bench(const options *opts, session *s, df_error *err) {
-    df_bench bench = {.frames = opts->bench_frames, .repeats = opts->bench_repeats, .command = opts->command};
+    df_bench bench = {.frames = opts->bench_frames,
+                      .repeats = opts->bench_repeats,
+                      .deal_frames = opts->devices.deal_frames,
+                      .command = opts->command};
     df_status status = df_bench_run(&bench, s->devices, &opts->settings, &s->field, &s->picture, err);
     if (status == DF_OK) status = time_edits(opts, s, &bench, err);
     s->report.devices = s->devices;

@@ -563,8 +563,9 @@ static cl_int fail_launch(cl_command_queue queue, cl_kernel kernel, cl_uint dime
         (void)event;
     return CL_OUT_OF_RESOURCES;
 }
+static cl_int (*real_finish)(cl_command_queue);
 static cl_int fail_finish(cl_command_queue queue) {
-    (void)queue;
+    real_finish(queue); /* a device that is lost writes no more */
     return CL_DEVICE_NOT_AVAILABLE;
 }
 static cl_int fail_read(cl_command_queue queue, cl_mem memory, cl_bool blocking, size_t offset, size_t size, void *data,
@@ -584,6 +585,49 @@ static cl_context fail_context(const cl_context_properties *properties, cl_uint 
     (void)properties, (void)count, (void)ids, (void)notify, (void)data;
     *code = CL_DEVICE_NOT_AVAILABLE;
     return NULL;
+}
+
+static cl_int fail_build(cl_program program, cl_uint count, const cl_device_id *ids, const char *options,
+                         void(CL_CALLBACK *notify)(cl_program, void *), void *data) {
+    (void)program, (void)count, (void)ids, (void)options, (void)notify, (void)data;
+    return CL_BUILD_PROGRAM_FAILURE;
+}
+static cl_int no_platforms(cl_uint room, cl_platform_id *platforms, cl_uint *count) {
+    (void)room, (void)platforms;
+    *count = 0;
+    return -1001; /* CL_PLATFORM_NOT_FOUND_KHR */
+}
+static cl_int no_devices(cl_platform_id platform, cl_device_type type, cl_uint room, cl_device_id *ids,
+                         cl_uint *count) {
+    (void)platform, (void)type, (void)room, (void)ids, (void)count;
+    return CL_DEVICE_NOT_FOUND;
+}
+static cl_int (*device_info)(cl_device_id, cl_device_info, size_t, void *, size_t *);
+static cl_int info_of_a_gpu(cl_device_id id, cl_device_info what, size_t size, void *value, size_t *used) {
+    const cl_int code = device_info(id, what, size, value, used);
+    if (what == CL_DEVICE_TYPE && value) *(cl_device_type *)value = CL_DEVICE_TYPE_GPU;
+    return code;
+}
+
+static void machines_without_platforms_or_devices_are_told_apart(void **state) {
+    (void)state;
+    const df_opencl_api *loaded;
+    df_opencl_info *list;
+    uint32_t count, number;
+    df_error err;
+    assert_int_equal(df_opencl_load(&loaded, &err), DF_OK);
+    df_opencl_api *api = (df_opencl_api *)(uintptr_t)loaded; /* the table is ours to bend here */
+    const df_opencl_api whole = *api;
+    api->GetPlatformIDs = no_platforms;
+    assert_int_equal(df_opencl_find(&list, &count, &err), DF_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(df_opencl_choose(list, count, DF_OPENCL_ANY, false, &number, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "no device"));
+    *api = whole;
+    api->GetDeviceIDs = no_devices;
+    assert_int_equal(df_opencl_find(&list, &count, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "CL_DEVICE_NOT_FOUND"));
+    *api = whole;
 }
 
 static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
@@ -608,6 +652,7 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
                      DF_ERROR_UNSUPPORTED);
     assert_non_null(strstr(err.text, "clEnqueueNDRangeKernel failed with CL_OUT_OF_RESOURCES"));
     *api = whole;
+    real_finish = whole.Finish;
     api->Finish = fail_finish;
     assert_int_equal(df_opencl_renderer_rows(renderer, &view, 0, view.height, &picture, NULL, &err),
                      DF_ERROR_UNSUPPORTED);
@@ -621,6 +666,11 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
     api->CreateBuffer = fail_buffer;
     assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &other, &err), DF_ERROR_MEMORY);
     assert_non_null(strstr(err.text, "CL_MEM_OBJECT_ALLOCATION_FAILURE"));
+    assert_null(other);
+    *api = whole;
+    api->BuildProgram = fail_build;
+    assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &other, &err), DF_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(err.text, "CL_BUILD_PROGRAM_FAILURE"));
     assert_null(other);
     *api = whole;
     api->CreateContext = fail_context;
@@ -712,6 +762,41 @@ static void devices_share_a_picture_and_the_rows_follow_their_speeds(void **stat
     df_field_free(&field);
 }
 
+static void devices_take_frames_in_turn(void **state) {
+    (void)state;
+    enum { COUNT = 9 };
+    df_field field;
+    df_scene scene;
+    df_view views[COUNT];
+    df_picture expected = {0}, got[3] = {{0}};
+    df_frame_stats stats;
+    uint32_t makers[COUNT];
+    df_error err;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    for (int i = 0; i < COUNT; i++) make_view(&field, 40 * i, 20, 1.3, 60, 41, &views[i]);
+    alloc_picture(&views[0], &expected);
+    for (int i = 0; i < 3; i++) alloc_picture(&views[0], &got[i]);
+    df_devices *opened = open_devices("cpu,opencl,opencl", &scene, &views[0], NULL);
+    assert_int_equal(df_devices_parts(opened), 3);
+    memset(makers, 9, sizeof makers);
+    assert_int_equal(df_devices_frames(opened, views, COUNT, got, makers, &stats, &err), DF_OK);
+    assert_int_equal(stats.rays_cast, COUNT * 60 * 41);
+    for (int last[3] = {-1, -1, -1}, i = 0; i < COUNT; i++) {
+        assert_true(makers[i] < 3);
+        last[makers[i]] = i;
+        for (int part = 0; part < 3 && i == COUNT - 1; part++) {
+            if (last[part] < 0) continue;
+            scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &views[last[part]], &expected, NULL);
+            compare(&expected, &got[part], DF_SOLVE_ROBUST);
+        }
+    }
+    df_devices_close(opened);
+    free_picture(&expected);
+    for (int i = 0; i < 3; i++) free_picture(&got[i]);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 static void rows_settle_where_all_parts_take_the_same_time(void **state) {
     (void)state;
     const double ms_a_row[] = {1.0, 3.0}; /* the second part is three times slower */
@@ -771,6 +856,51 @@ static void auto_falls_back_to_the_cpu_and_says_so_once(void **state) {
     df_field_free(&field);
 }
 
+static void a_gpu_that_is_lost_in_mid_run_leaves_the_picture_to_the_cpu(void **state) {
+    (void)state;
+    char *messages = NULL;
+    size_t size;
+    FILE *stream = open_memstream(&messages, &size);
+    const df_opencl_api *loaded;
+    df_field field;
+    df_scene scene;
+    df_view view;
+    df_picture expected = {0}, got = {0};
+    df_device_report reports[DF_DEVICE_MAX];
+    df_error err;
+    assert_int_equal(df_opencl_load(&loaded, &err), DF_OK);
+    df_opencl_api *api = (df_opencl_api *)(uintptr_t)loaded;
+    const df_opencl_api whole = *api;
+    make_scene(&structures[3], DF_SAMPLE_F32, 0, &field, &scene);
+    make_view(&field, 30, 20, 1.3, 60, 40, &view);
+    alloc_picture(&view, &expected);
+    alloc_picture(&view, &got);
+    scalar_picture(&scene, DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL, &view, &expected, NULL);
+    device_info = whole.GetDeviceInfo;
+    real_finish = whole.Finish;
+    api->GetDeviceInfo = info_of_a_gpu;
+    df_devices *opened = open_devices("auto", &scene, &view, stream);
+    for (int frame = 0; frame < 4; frame++) { /* two by the device, which is lost in the third */
+        if (frame == 2) api->Finish = fail_finish;
+        memset(got.rgb, 1, 3u * view.width * view.height);
+        assert_int_equal(df_devices_frame(opened, &view, &got, NULL, &err), DF_OK);
+        assert_int_equal(df_devices_report(opened, reports), 1);
+        assert_true((strncmp(reports[0].name, "opencl", 6) == 0) == (frame < 2));
+        if (frame >= 2 || devices[device].correctly_rounded) assert_same_picture(&expected, &got);
+    }
+    *api = whole;
+    df_devices_close(opened);
+    fclose(stream);
+    assert_non_null(strstr(messages, "clFinish failed with CL_DEVICE_NOT_AVAILABLE"));
+    const char *first = strstr(messages, "the CPU takes over\n");
+    assert_true(first && !strstr(first + 1, "the CPU takes over"));
+    free(messages);
+    free_picture(&expected);
+    free_picture(&got);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 static void devices_are_chosen_by_number_or_kind(void **state) {
     (void)state;
     const df_opencl_info list[] = {
@@ -815,9 +945,12 @@ int main(int argc, char **argv) {
         cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
         cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),
         cmocka_unit_test(calls_that_fail_end_in_one_line_that_names_them),
+        cmocka_unit_test(machines_without_platforms_or_devices_are_told_apart),
+        cmocka_unit_test(a_gpu_that_is_lost_in_mid_run_leaves_the_picture_to_the_cpu),
         cmocka_unit_test(device_lists_are_parsed),
         cmocka_unit_test(rows_settle_where_all_parts_take_the_same_time),
         cmocka_unit_test(devices_share_a_picture_and_the_rows_follow_their_speeds),
+        cmocka_unit_test(devices_take_frames_in_turn),
         cmocka_unit_test(auto_falls_back_to_the_cpu_and_says_so_once),
     };
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
