@@ -48,6 +48,10 @@ typedef struct request {
     double voxel_size;   /* 0: not given */
     double padding;      /* voxels */
     error_bound max_error, rms_error;
+    bool max_error_auto; /* what a picture of view_height pixels shows from view_distance (multiples of the longest
+                            side) */
+    uint32_t view_width, view_height; /* 0: not given */
+    double view_distance;             /* 0: not given */
     bool allow_partial;
     uint32_t measure; /* points to measure the error at */
     bool measure_given;
@@ -89,7 +93,7 @@ enum {
     KEY_THREADS,
     KEY_JSON
 };
-enum { KEY_GRID = 512, KEY_BAND, KEY_FILL };
+enum { KEY_GRID = 512, KEY_BAND, KEY_FILL, KEY_FOR_SIZE, KEY_FOR_DISTANCE };
 
 static const struct argp_option options[] = {
     {0, 0, 0, 0, "Output", 1},
@@ -120,7 +124,12 @@ static const struct argp_option options[] = {
      "the largest error near the surface, in voxels (of the finest level), or world units with a w behind. Octrees are "
      "divided as far as it asks (default 0.1 where --rms-error is not given either, as far as the finest level "
      "reaches); "
-     "other structures get the resolution that it asks, unless that is given",
+     "other structures get the resolution that it asks, unless that is given. auto: half a pixel of a picture of it",
+     2},
+    {"for-size", KEY_FOR_SIZE, "WxH", 0, "with --max-error auto: the size of that picture (default 1280x1024)", 2},
+    {"for-distance", KEY_FOR_DISTANCE, "D", 0,
+     "with --max-error auto: its eye's distance from the middle of the field in multiples of the longest side, as in "
+     "df-render --orbit (default 1.6)",
      2},
     {"rms-error", KEY_RMS_ERROR, "R[w]", 0,
      "the same for the root mean square over the surface. Octrees are divided where that lowers it most; with "
@@ -177,7 +186,12 @@ static df_status parse_value(request *r, int key, const char *arg) {
     case KEY_VOXEL_SIZE: return df_parse_double("--voxel-size", arg, 1e-30, 1e30, &r->voxel_size, r->err);
     case KEY_PADDING: return df_parse_double("--padding", arg, 0, 10000, &r->padding, r->err);
     case KEY_DISTANCE: return df_parse_name("--distance", arg, distance_names, &r->distance, r->err);
-    case KEY_MAX_ERROR: return parse_bound("--max-error", arg, &r->max_error, r->err);
+    case KEY_FOR_SIZE: return df_parse_size("--for-size", arg, &r->view_width, &r->view_height, r->err);
+    case KEY_FOR_DISTANCE: return df_parse_double("--for-distance", arg, 0.01, 1e6, &r->view_distance, r->err);
+    case KEY_MAX_ERROR:
+        r->max_error_auto = strcmp(arg, "auto") == 0;
+        if (r->max_error_auto) return DF_OK;
+        return parse_bound("--max-error", arg, &r->max_error, r->err);
     case KEY_RMS_ERROR: return parse_bound("--rms-error", arg, &r->rms_error, r->err);
     case KEY_MEASURE: r->measure_given = true; return df_parse_u32("--measure", arg, 0, 100000000, &r->measure, r->err);
     case KEY_SAMPLES: return df_parse_name("--samples", arg, sample_names, &r->samples, r->err);
@@ -230,7 +244,8 @@ static error_t parse_option(int key, char *arg, struct argp_state *state) {
         break;
     case ARGP_KEY_NO_ARGS: argp_usage(state); break;
     default:
-        if (key != KEY_BAND && (key < 256 || key > KEY_JSON)) return ARGP_ERR_UNKNOWN;
+        if ((key < 256 || key > KEY_JSON) && key != KEY_BAND && key != KEY_FOR_SIZE && key != KEY_FOR_DISTANCE)
+            return ARGP_ERR_UNKNOWN;
         note_option(r, key);
         return parse_value(r, key, arg) == DF_OK ? 0 : EINVAL;
     }
@@ -264,6 +279,11 @@ static df_status check_exchange(const request *r, df_error *err) {
 
 static df_status check_request(const request *r, df_error *err) {
     df_status status = check_exchange(r, err);
+    if (status == DF_OK && !r->max_error_auto && (r->view_width || r->view_distance > 0))
+        return df_fail(err, DF_ERROR_USAGE, "--for-size and --for-distance are for --max-error auto");
+    if (status == DF_OK && r->max_error_auto && df_exchange_is_input(r->input))
+        return df_fail(err, DF_ERROR_USAGE, "--max-error auto: for meshes and shapes, %s has its size already",
+                       r->input);
     if (status != DF_OK || df_exchange_is_input(r->input)) return status;
     if (r->resolution && r->voxel_size > 0) {
         return df_fail(err, DF_ERROR_USAGE, "--resolution and --voxel-size exclude each other");
@@ -676,13 +696,31 @@ static df_status build_as_asked(const request *r, surface *s, df_field *field, d
     return status;
 }
 
-static df_status convert(const request *r, const char *output, df_error *err) {
+/* --max-error auto: half the footprint of a pixel where the surface's box is nearest to the eye, whatever side it is
+ * seen from. An octree gets voxels of that footprint to divide down to. */
+static void settle_bound(request *r, const surface *s) {
+    double longest = 0, diagonal = 0;
+    for (int a = 0; a < 3; a++) {
+        double side = s->high[a] - s->low[a];
+        longest = fmax(longest, side);
+        diagonal += side * side;
+    }
+    const double distance = r->view_distance > 0 ? r->view_distance : 1.6, field_of_view = 1; /* radian, vertical */
+    const double nearest = fmax(distance * longest - sqrt(diagonal) / 2, 0.01 * longest);
+    const double footprint = 2 * tan(field_of_view / 2) * nearest / (r->view_height ? r->view_height : 1024);
+    r->max_error = (error_bound){footprint / 2, true};
+    if (r->structure == DF_FIELD_ADF && r->resolution == 0 && !(r->voxel_size > 0))
+        r->resolution = (uint32_t)fmin(ceil(longest / footprint + 2 * r->padding), SEARCH_LAST);
+}
+
+static df_status convert(request *r, const char *output, df_error *err) {
     double start = df_now_ms();
     df_convert_report report = {.input = r->input, .output = output};
     surface s = {0};
     df_field field = {0};
     df_status status = df_output_check(output, err);
     if (status == DF_OK) status = read_surface(r, &s, &report, err);
+    if (status == DF_OK && r->max_error_auto) settle_bound(r, &s);
     if (status == DF_OK) status = build_as_asked(r, &s, &field, &report, err);
     double built = df_now_ms();
     if (status == DF_OK) status = df_exchange_write(&field, output, r->band, err);
