@@ -12,6 +12,10 @@
 #define EXPONENT_MIN (-126)
 #define EXPONENT_MAX 100
 
+/* Values of bricks end here, in voxels: no sample of the 4x4x4 around a surface voxel, which gradients and cubic
+ * filters look at, is further from the surface than 2 sqrt(3). */
+#define BRICK_REACH 5
+
 typedef struct quantiser {
     const df_field *from;
     df_sample_type type;
@@ -85,16 +89,21 @@ static void coarsest_of_brick(const quantiser *q, uint32_t brick, int coarsest[2
     }
 }
 
+static double brick_reach(const df_field *f) {
+    return BRICK_REACH * fmax(f->voxel_size[0], fmax(f->voxel_size[1], f->voxel_size[2]));
+}
+
 /* The rounded samples of a brick; returns the largest magnitude. */
 static double round_brick(const quantiser *q, uint32_t brick, double *rounded) {
     uint32_t k = q->from->brick_size, side = k + 1;
     const float *values = (const float *)q->from->samples + (size_t)brick * df_brick_sample_count(k);
     int coarsest[27];
     double largest = 0;
+    const double reach = brick_reach(q->from);
     coarsest_of_brick(q, brick, coarsest);
     for (uint32_t i = 0; i < df_brick_sample_count(k); i++) {
         uint32_t place = place_of(i % side, k) + 3 * (place_of(i / side % side, k) + 3 * place_of(i / side / side, k));
-        rounded[i] = round_to((double)values[i], coarsest[place]);
+        rounded[i] = round_to(fmax(-reach, fmin(reach, (double)values[i])), coarsest[place]);
         largest = fmax(largest, fabs(rounded[i]));
     }
     return largest;
@@ -102,11 +111,12 @@ static double round_brick(const quantiser *q, uint32_t brick, double *rounded) {
 
 static void quantise_bricks(const quantiser *q) {
     const df_field *f = q->from;
+    const double reach = brick_reach(f);
     uint32_t per_brick = df_brick_sample_count(f->brick_size);
     double rounded[729];
     for (uint32_t b = 0; b < f->brick_count; b++) {
-        q->exponents[b] =
-            (int8_t)exponent_for(q, largest_of((const float *)f->samples + (size_t)b * per_brick, per_brick));
+        double largest = largest_of((const float *)f->samples + (size_t)b * per_brick, per_brick);
+        q->exponents[b] = (int8_t)exponent_for(q, fmin(largest, reach));
     }
     /* Rounding to a neighbour's step may lead out of a brick's range; its step then grows, which its neighbours must
      * follow. */
