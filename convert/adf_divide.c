@@ -22,12 +22,18 @@
 /* Above this a list is shrunk by spheres around the faces, below by their distances. */
 #define LIST_SPHERES 48
 
+/* The samples at quarters of a divided cell's side, 5 x 5 x 5, that its children share. */
+typedef struct quarters {
+    float values[125];
+    bool known[125];
+} quarters;
+
 /* A cell with what its parents know of it. */
 typedef struct cell {
     uint32_t corner[3], level; /* of the cell itself: 0 for the root */
     uint32_t parent, child;
-    const float *of_parent; /* the parent's samples; NULL: not to be used */
-    const uint32_t *faces;  /* that can be nearest; NULL: too many */
+    quarters *quarters;    /* of the parent; NULL for the root */
+    const uint32_t *faces; /* that can be nearest; NULL: too many */
     uint32_t face_count;
     uint32_t close_count; /* the first so many may cross the cell */
     bool crossed;         /* one of them does; otherwise not known */
@@ -54,6 +60,7 @@ typedef struct worker {
     uint32_t later_count, later_capacity;
     uint32_t lists[DF_LEVEL_COUNT_MAX + 1][LIST_MAX]; /* by level */
     selection selections[DF_LEVEL_COUNT_MAX + 1];     /* by level, of the cell that is being worked at there */
+    uint32_t others[LIST_MAX];
     float distances[LIST_MAX * 8];
 } worker;
 
@@ -143,8 +150,25 @@ static void sample_source(worker *w, const cell *c, float samples[27]) {
     if (!in->source->is_signed) sign_samples(w, c, all, 27, samples);
 }
 
+/* Which of the parent's quarters is a sample of a child. */
+static uint32_t quarter_of(uint32_t child, uint32_t sample) {
+    return 2 * (child & 1) + sample % 3 +
+           5 * (2 * (child >> 1 & 1) + sample / 3 % 3 + 5 * (2 * (child >> 2) + sample / 9));
+}
+
+/* Starts with the samples of the cell itself. */
+static void start_quarters(quarters *q, const float samples[27]) {
+    memset(q->known, 0, sizeof q->known);
+    for (uint32_t s = 0; s < 27; s++) {
+        const uint32_t at = 2 * (s % 3 + 5 * (s / 3 % 3 + 5 * (s / 9)));
+        q->values[at] = samples[s];
+        q->known[at] = true;
+    }
+}
+
 /* The signed distances at the 27 samples of a cell with an even side. */
 static void sample_cell(worker *w, const cell *c, float samples[27]) {
+    quarters *q = c->quarters;
     uint8_t which[27];
     uint32_t count = 0;
     if (!w->tree->input->tree_is_source) {
@@ -153,13 +177,17 @@ static void sample_cell(worker *w, const cell *c, float samples[27]) {
         return;
     }
     for (uint32_t s = 0; s < 27; s++) {
-        if (df_family_slot(s) >= 0 || !c->of_parent) which[count++] = (uint8_t)s;
-    }
-    for (uint32_t i = 0; c->of_parent && i < 8; i++) {
-        samples[df_family_corner(i, i)] = c->of_parent[df_family_corner(c->child, i)];
+        const uint32_t at = quarter_of(c->child, s);
+        if (q && q->known[at]) samples[s] = q->values[at];
+        else which[count++] = (uint8_t)s;
     }
     sample_faces(w, c, which, count, samples);
     w->samples_computed += count;
+    for (uint32_t i = 0; q && i < count; i++) {
+        const uint32_t at = quarter_of(c->child, which[i]);
+        q->values[at] = samples[which[i]];
+        q->known[at] = true;
+    }
 }
 
 /* ---- error ---- */
@@ -212,18 +240,23 @@ static void find_misfit_at_samples(const float samples[27], const float corners[
 static void find_misfit_at_faces(const worker *w, const cell *c, const float corners[8], misfit *m) {
     static const double weights[7][2] = {{0, 0}, {1, 0}, {0, 1}, {.5, 0}, {0, .5}, {.5, .5}, {1 / 3., 1 / 3.}};
     const df_lattice *l = w->tree->input->lattice;
-    double side = side_world(w, c);
+    double inverse = 1 / side_world(w, c), low[3];
+    for (int a = 0; a < 3; a++) low[a] = l->origin[a] + c->corner[a] * l->voxel_size;
     for (uint32_t i = 0; i < c->close_count; i++) {
         const df_face *f = &w->tree->input->tree->faces[c->faces[i]];
+        double at[3], u[3], v[3];
+        for (int a = 0; a < 3; a++) {
+            at[a] = (f->a[a] - low[a]) * inverse;
+            u[a] = f->ab[a] * inverse;
+            v[a] = f->ac[a] * inverse;
+        }
         for (int n = 0; n < 7; n++) {
-            double local[3];
-            bool inside = true;
-            for (int a = 0; a < 3 && inside; a++) {
-                double x = f->a[a] + weights[n][0] * f->ab[a] + weights[n][1] * f->ac[a];
-                local[a] = (x - l->origin[a] - c->corner[a] * l->voxel_size) / side;
-                inside = local[a] >= 0 && local[a] <= 1;
-            }
-            double error = inside ? df_trilinear(corners, local) : 0;
+            const double p = weights[n][0], q = weights[n][1];
+            const double local[3] = {at[0] + p * u[0] + q * v[0], at[1] + p * u[1] + q * v[1],
+                                     at[2] + p * u[2] + q * v[2]};
+            if (!(local[0] >= 0 && local[0] <= 1 && local[1] >= 0 && local[1] <= 1 && local[2] >= 0 && local[2] <= 1))
+                continue;
+            double error = df_trilinear(corners, local);
             if (fabs(error) <= fabs(m->at_face)) continue;
             m->at_face = error;
             memcpy(m->face, local, sizeof local);
@@ -262,6 +295,10 @@ static bool judge(const worker *w, const cell *c, const float samples[27]) {
 
 /* ---- faces ---- */
 
+/* As fmin and fmax, which are calls as they mind NaN. */
+static inline double smaller(double x, double y) { return x < y ? x : y; }
+static inline double larger(double x, double y) { return x > y ? x : y; }
+
 /* Does a face cross a box? By the axes that may separate them: the face's box and plane, and across pairs of edges
  * (Akenine-Moeller 2001). */
 static bool face_meets(const df_face *face, const double centre[3], double half) {
@@ -270,7 +307,8 @@ static bool face_meets(const df_face *face, const double centre[3], double half)
         v[0][a] = face->a[a] - centre[a];
         v[1][a] = v[0][a] + face->ab[a];
         v[2][a] = v[0][a] + face->ac[a];
-        if (fmin(v[0][a], fmin(v[1][a], v[2][a])) > half || fmax(v[0][a], fmax(v[1][a], v[2][a])) < -half) return false;
+        if (smaller(v[0][a], smaller(v[1][a], v[2][a])) > half || larger(v[0][a], larger(v[1][a], v[2][a])) < -half)
+            return false;
         height += face->normal[a] * v[0][a];
         reach += fabs(face->normal[a]) * half;
     }
@@ -282,7 +320,7 @@ static bool face_meets(const df_face *face, const double centre[3], double half)
             double di = q[i] - p[i], dj = q[j] - p[j];
             double edge = di * p[j] - dj * p[i], across = di * r[j] - dj * r[i];
             double radius = (fabs(di) + fabs(dj)) * half * (1 + 1e-9);
-            if (fmin(edge, across) > radius || fmax(edge, across) < -radius) return false;
+            if (smaller(edge, across) > radius || larger(edge, across) < -radius) return false;
         }
     }
     return true;
@@ -367,16 +405,15 @@ static void select_faces(worker *w, const cell *c) {
 /* Hands a child of a cell its part of the list, the faces that may cross it first. */
 static void hand_faces(worker *w, const cell *c, cell *child) {
     const selection *s = &w->selections[c->level];
-    uint32_t *list = w->lists[child->level], i = child->child;
+    uint32_t *list = w->lists[child->level], others = 0, i = child->child;
     for (uint32_t f = 0; f < c->face_count; f++) {
-        list[child->close_count] = c->faces[f];
-        child->close_count += s->near[f] >> i & s->close[f] >> i & 1u;
+        const uint32_t near = s->near[f] >> i & 1u, close = near & s->close[f] >> i;
+        list[child->close_count] = w->others[others] = c->faces[f];
+        child->close_count += close;
+        others += near ^ close;
     }
-    child->face_count = child->close_count;
-    for (uint32_t f = 0; f < c->face_count; f++) {
-        list[child->face_count] = c->faces[f];
-        child->face_count += s->near[f] >> i & ~s->close[f] >> i & 1u;
-    }
+    memcpy(list + child->close_count, w->others, others * sizeof *list);
+    child->face_count = child->close_count + others;
     child->faces = list;
     child->crossed = s->crossed >> i & 1;
 }
@@ -428,7 +465,7 @@ static void put_up(worker *w, uint32_t parent, uint32_t child) {
 
 static void child_of(const worker *w, const adf_node *n, uint32_t number, uint32_t child, cell *c) {
     uint32_t side = adf_side(w->tree, n->level);
-    *c = (cell){.level = n->level, .parent = number, .child = child, .of_parent = n->exact};
+    *c = (cell){.level = n->level, .parent = number, .child = child};
     for (int a = 0; a < 3; a++) c->corner[a] = n->corner[a] + (child >> a & 1) * side;
 }
 
@@ -447,6 +484,8 @@ static void work_at(worker *w, const cell *c) {
     memcpy(n->exact, samples, sizeof samples);
     bool shared = n->level <= SHARED_LEVEL || (w->tree->input->tree && !c->faces);
     if (c->faces && !shared) select_faces(w, c);
+    quarters q;
+    start_quarters(&q, n->exact);
     for (uint32_t child = 0; child < 8 && w->status == DF_OK; child++) {
         cell below;
         if (shared) {
@@ -454,6 +493,7 @@ static void work_at(worker *w, const cell *c) {
             continue;
         }
         child_of(w, n, number, child, &below);
+        below.quarters = &q;
         if (c->faces) hand_faces(w, c, &below);
         work_at(w, &below);
     }
@@ -468,8 +508,12 @@ static bool is_pilot(const worker *w, const cell *c) {
 
 static void work_at_task(worker *w, const adf_task *task) {
     cell c = {.parent = ADF_NONE};
+    quarters q;
     if (task->parent != ADF_NONE) {
-        child_of(w, adf_node_at(w->tree, task->parent), task->parent, task->child, &c);
+        const adf_node *n = adf_node_at(w->tree, task->parent);
+        child_of(w, n, task->parent, task->child, &c);
+        start_quarters(&q, n->exact);
+        c.quarters = &q;
     }
     c.forced = task->forced;
     if (w->tree->pilot && c.level == ADF_PILOT_LEVEL && !is_pilot(w, &c)) return;
@@ -525,7 +569,9 @@ df_status adf_divide(adf_tree *t, const adf_task *tasks, uint32_t count, df_erro
     adf_task *more = NULL;
     df_status status = make_workers(t, worker_count, &workers, err);
     while (status == DF_OK && count) {
-#pragma omp parallel for schedule(dynamic, 1)
+        const int grain =
+            count > 4096 ? 16 : 1; /* neighbours in the list are near each other: their searches help each other */
+#pragma omp parallel for schedule(dynamic, grain)
         for (uint32_t i = 0; i < count; i++) {
             worker *w = workers[omp_get_thread_num()];
             if (w->status == DF_OK) work_at_task(w, &tasks[i]);

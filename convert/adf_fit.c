@@ -16,6 +16,9 @@
 
 /* What a leaf may miss at the points tried, of the largest error; the rest is for points between. */
 #define TRIED_SHARE 0.8
+/* The same in late rounds, in which leaves are divided because of others that were. */
+#define LATE_SHARE 0.95
+#define LATE_ROUND 4
 /* How far a sample may be moved to fit: small leaves must not suffer too much for the wishes of large ones. */
 #define FIT_SHARE 0.35
 /* Leaves of one voxel are not tried: they are taken to miss half of what the cell missed that they are a part of,
@@ -237,7 +240,7 @@ static bool is_spoiled(const adf_tree *t, uint32_t f, uint32_t child, int round,
     }
     if (!n->crossed[child] && (inside == 0 || inside == 8))
         return false; /* otherwise it is made a leaf at the surface */
-    const double bound = TRIED_SHARE * t->input->max_error;
+    const double bound = (round < LATE_ROUND ? TRIED_SHARE : LATE_SHARE) * t->input->max_error;
     const double least = (double)moved + (n->fitted[child] ? (double)n->misfit[child] : untried_error(t, f));
     const bool steep = round < SLOPE_ROUNDS && least > SLOPE_SHARE * t->slope / side;
     if (!steep && (least <= bound || (n->fitted[child] && error_of(n, child, moves) <= bound))) return false;
