@@ -288,10 +288,9 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
     queue q;
     q.count = 0;
     for (uint32_t n = 0; n < job->count; n++) {
-        const df_block_rect *rect = &job->rects[job->order[n]];
-        const uint32_t block = rect->block, last = surface->first[block + 1];
+        const uint32_t block = job->order[n], last = surface->first[block + 1];
         counters->coarse_steps++;
-        if (!block_may_show(job, rect)) continue;
+        if (!block_may_show(job, &job->rects[block])) continue;
         for (uint32_t first = surface->first[block]; first < last; first += DF_LANES) {
             const uint32_t count = last - first < DF_LANES ? last - first : DF_LANES;
             splat_voxels(job, &q, block, first, count, counters);

@@ -22,7 +22,6 @@ typedef struct df_shade_job {
 /* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. A
  * record tells the voxel's bit in its block's mask and a box around the surface in it, in eighths of the voxel: by axis
  * 3 bits for where it begins and 3 for the last eighth that it reaches. */
-#define DF_SURFACE_BIT(voxel) ((voxel)&0x1FFu)
 #define DF_SURFACE_LOW 9
 #define DF_SURFACE_HIGH 18
 typedef struct df_surface {
@@ -33,11 +32,11 @@ typedef struct df_surface {
     uint32_t record_count;
 } df_surface;
 
-/* A block as a view sees it: the pixels that it may cover, inclusive, and the least t at which rays can meet it. */
+/* A block as a view sees it: the pixels that it may cover, inclusive, none where x1 < x0, and the least t at which rays
+ * can meet it. */
 typedef struct df_block_rect {
-    int32_t x0, y0, x1, y1;
+    uint16_t x0, y0, x1, y1;
     float t_near;
-    uint32_t block;
 } df_block_rect;
 
 /* From grid space to a picture: a point at eye + w * (direction through pixel (x,y)) has rows * (point - eye) = (w, w
@@ -53,8 +52,8 @@ typedef struct df_splat_job {
     const df_surface *surface;
     const df_projection *projection;
     const df_tile *tile;
-    const df_block_rect *rects; /* all blocks of the view */
-    const uint32_t *order;      /* indices of rects */
+    const df_block_rect *rects; /* by block */
+    const uint32_t *order;      /* blocks */
     uint32_t count;
     int isolate;      /* DF_SOLVE_ISOLATES */
     float *depth;     /* by ray, INFINITY at first: t of entry into the accepted voxel */

@@ -33,9 +33,10 @@ typedef struct splat_state {
 
     /* Of the current view. */
     df_projection projection;
-    df_block_rect *rects, *sorted; /* block_count each */
-    uint32_t *tile_first;          /* by tile: its first entry; one more at the end */
-    uint32_t *entries;             /* indices of sorted rects, by tile */
+    df_block_rect *rects; /* by block */
+    uint32_t *order;      /* the visible blocks from front to back */
+    uint32_t *tile_first; /* by tile: its first entry; one more at the end */
+    uint32_t *entries;    /* blocks in order, by tile */
     uint32_t tile_capacity, entry_capacity;
     uint32_t tile_columns;
     uint32_t first_row, end_row; /* of the picture: what is drawn */
@@ -55,21 +56,23 @@ static void splat_release(void *opaque) {
     free(state->corners);
     free(state->corner);
     free(state->rects);
-    free(state->sorted);
+    free(state->order);
     free(state->tile_first);
     free(state->entries);
     free(state);
 }
 
-/* Where a line of 8 samples on the faces before and after a voxel lets the surface begin: the largest s in [0,1] such
- * that no value between the faces at 0 and s comes within `least` of 0. face[0], face[1]: 4 corners each. */
-static double surface_begin(const float face[2][4], double least) {
-    const double sign = face[0][0] < 0 ? -1 : 1;
-    double begin = 1;
+/* How far from one of a voxel's faces the surface begins: the largest s in [0,1] such that within s of the face no
+ * value comes within `least` of 0. face: the bit of the axis, or 0, as in a corner's number. */
+static inline float surface_begin(const float corner[8], int axis, int face, float least) {
+    const float sign = corner[face] < 0 ? -1 : 1;
+    const int u = axis == 1 ? 2 : 1, v = axis == 4 ? 2 : 4;
+    float begin = 1;
     for (int i = 0; i < 4; i++) {
-        const double low = sign * (double)face[0][i], high = sign * (double)face[1][i];
-        if (low <= least) return 0;
-        if (high < least) begin = fmin(begin, (low - least) / (low - high));
+        const int c = face + (i & 1 ? u : 0) + (i & 2 ? v : 0);
+        const float low = sign * corner[c], high = sign * corner[c ^ axis];
+        const float crossing = low <= least ? 0 : (low - least) / (low - (high < least ? high : least));
+        begin = crossing < begin ? crossing : begin;
     }
     return begin;
 }
@@ -78,21 +81,18 @@ static double surface_begin(const float face[2][4], double least) {
  * The record of a voxel. The box holds all points where the field's magnitude is not far above what rounding makes of
  * 0, widened by what rounding does to places: no ray that any arithmetic lets hit the voxel passes it by.
  */
-static uint32_t surface_voxel(uint32_t bit, const float corner[8], double margin) {
+static uint32_t surface_voxel(uint32_t bit, const float corner[8], float margin) {
     uint32_t voxel = bit;
     float largest = 0;
-    for (int c = 0; c < 8; c++) largest = fmaxf(largest, fabsf(corner[c]));
+    for (int c = 0; c < 8; c++) {
+        const float magnitude = corner[c] < 0 ? -corner[c] : corner[c];
+        largest = magnitude > largest ? magnitude : largest;
+    }
     for (int a = 0; a < 3; a++) {
-        float faces[2][4];
-        const int u = 1 << (a + 1) % 3, v = 1 << (a + 2) % 3;
-        for (int i = 0; i < 8; i++)
-            faces[i >> 2][i & 3] = corner[(i & 1 ? u : 0) + (i & 2 ? v : 0) + (i & 4 ? 1 << a : 0)];
-        const double least = 1e-5 * (double)largest, low = surface_begin(faces, least) - margin;
-        const float back[2][4] = {{faces[1][0], faces[1][1], faces[1][2], faces[1][3]},
-                                  {faces[0][0], faces[0][1], faces[0][2], faces[0][3]}};
-        const double high = 1 - surface_begin(back, least) + margin;
-        voxel |= (uint32_t)fmax(0, floor(8 * low)) << (DF_SURFACE_LOW + 3 * a);
-        voxel |= (uint32_t)fmin(7, floor(8 * high)) << (DF_SURFACE_HIGH + 3 * a);
+        const float low = surface_begin(corner, 1 << a, 0, 1e-5f * largest) - margin;
+        const float high = 1 - surface_begin(corner, 1 << a, 1 << a, 1e-5f * largest) + margin;
+        voxel |= (low > 0 ? (uint32_t)(8 * low) : 0) << (DF_SURFACE_LOW + 3 * a);
+        voxel |= (high < 1 ? (uint32_t)(8 * high) : 7) << (DF_SURFACE_HIGH + 3 * a);
     }
     return voxel;
 }
@@ -114,7 +114,7 @@ static void fill_records(splat_state *state, uint32_t block) {
     const uint32_t *count = scene->voxel_count;
     const uint32_t longest =
         count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2]) : (count[1] > count[2] ? count[1] : count[2]);
-    const double margin = 1.0 / 64 + longest * 0x1p-20;
+    const float margin = 1.0f / 64 + (float)longest * 0x1p-20f;
     uint32_t record = state->first[block], low[3];
     low[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
     low[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
@@ -200,7 +200,7 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
     if (status == DF_OK)
         status = df_alloc((void **)&state->rects, scene->block_count, sizeof *state->rects, "blocks", err);
     if (status == DF_OK)
-        status = df_alloc((void **)&state->sorted, scene->block_count, sizeof *state->sorted, "blocks", err);
+        status = df_alloc((void **)&state->order, scene->block_count, sizeof *state->order, "blocks", err);
     if (status != DF_OK) splat_release(state);
     else *out = state;
     return status;
@@ -210,7 +210,8 @@ static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
     return state->surface.record_count *
                (8 * df_sample_size(state->scene->field->sample_type) + sizeof *state->voxels) +
-           state->scene->block_count * (sizeof *state->first + 3 * sizeof *state->corner + 2 * sizeof *state->rects);
+           state->scene->block_count *
+               (sizeof *state->first + 3 * sizeof *state->corner + sizeof *state->rects + sizeof *state->order);
 }
 
 static bool splat_suits(const df_scene *scene, const df_view *view) {
@@ -235,15 +236,14 @@ static void make_projection(const df_view *view, df_projection *projection) {
 }
 
 /* Clamps to low <= x < end. */
-static int32_t clamp_pixel(double x, uint32_t low, uint32_t end) {
-    return x < low ? (int32_t)low : x > end - 1.0 ? (int32_t)end - 1 : (int32_t)x;
+static uint16_t clamp_pixel(double x, uint32_t low, uint32_t end) {
+    return (uint16_t)(x < low ? low : x > end - 1.0 ? end - 1 : (uint32_t)x);
 }
 
-/* The pixels and the least t of a block; x1 < x0 where it cannot be seen. */
 static df_block_rect block_rect(const splat_state *state, const df_view *view, uint32_t block) {
     const df_projection *p = &state->projection;
     const double half = state->scene->k / 2.0, margin = 0.05;
-    df_block_rect rect = {0, 0, -1, -1, 0, block};
+    df_block_rect rect = {.x0 = 1};
     double centre[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
     if (state->first[block] == state->first[block + 1]) return rect;
     for (int i = 0; i < 3; i++) {
@@ -254,8 +254,8 @@ static df_block_rect block_rect(const splat_state *state, const df_view *view, u
     const double w = centre[0], nearest = w - reach[0];
     if (w + reach[0] < 0) return rect;
     if (nearest < 0.01) {
-        return (df_block_rect){
-            0, (int32_t)state->first_row, (int32_t)view->width - 1, (int32_t)state->end_row - 1, 0, block};
+        return (df_block_rect){0, (uint16_t)state->first_row, (uint16_t)(view->width - 1),
+                               (uint16_t)(state->end_row - 1), 0};
     }
     for (int i = 1; i < 3; i++) {
         for (int a = 0; a < 3; a++)
@@ -274,27 +274,29 @@ static df_block_rect block_rect(const splat_state *state, const df_view *view, u
     return rect;
 }
 
+static bool visible(const df_block_rect *rect) { return rect->x0 <= rect->x1; }
+
 /* Orders the visible blocks by depth, nearly; returns how many. */
-static uint32_t sort_rects(splat_state *state) {
+static uint32_t sort_blocks(splat_state *state) {
     const uint32_t total = state->scene->block_count;
-    uint32_t place[DEPTH_BUCKETS + 1] = {0}, visible = 0;
+    uint32_t place[DEPTH_BUCKETS + 1] = {0}, count = 0;
     float low = INFINITY, high = 0;
     for (uint32_t i = 0; i < total; i++) {
-        if (state->rects[i].x1 < 0) continue;
+        if (!visible(&state->rects[i])) continue;
         low = fminf(low, state->rects[i].t_near);
         high = fmaxf(high, state->rects[i].t_near);
     }
     const float scale = high > low ? (float)(DEPTH_BUCKETS - 1) / (high - low) : 0;
     for (uint32_t i = 0; i < total; i++) {
-        if (state->rects[i].x1 >= 0) place[1 + (uint32_t)((state->rects[i].t_near - low) * scale)]++;
+        if (visible(&state->rects[i])) place[1 + (uint32_t)((state->rects[i].t_near - low) * scale)]++;
     }
     for (uint32_t b = 0; b < DEPTH_BUCKETS; b++) place[b + 1] += place[b];
     for (uint32_t i = 0; i < total; i++) {
-        if (state->rects[i].x1 < 0) continue;
-        state->sorted[place[(uint32_t)((state->rects[i].t_near - low) * scale)]++] = state->rects[i];
-        visible++;
+        if (!visible(&state->rects[i])) continue;
+        state->order[place[(uint32_t)((state->rects[i].t_near - low) * scale)]++] = i;
+        count++;
     }
-    return visible;
+    return count;
 }
 
 /* The tiles that a rectangle of pixels meets, inclusive. */
@@ -304,8 +306,7 @@ typedef struct tile_range {
 
 static tile_range tiles_of(const splat_state *state, const df_block_rect *rect) {
     const uint32_t w = state->options.tile_width, h = state->options.tile_height, y0 = state->first_row;
-    return (tile_range){(uint32_t)rect->x0 / w, ((uint32_t)rect->y0 - y0) / h, (uint32_t)rect->x1 / w,
-                        ((uint32_t)rect->y1 - y0) / h};
+    return (tile_range){rect->x0 / w, (rect->y0 - y0) / h, rect->x1 / w, (rect->y1 - y0) / h};
 }
 
 static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, df_error *err) {
@@ -317,8 +318,8 @@ static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, d
     return status;
 }
 
-/* Lists the sorted blocks of every tile. */
-static df_status bin_rects(splat_state *state, const df_view *view, uint32_t visible, df_error *err) {
+/* Lists the blocks of every tile, in order. */
+static df_status bin_blocks(splat_state *state, const df_view *view, uint32_t block_count, df_error *err) {
     const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
     const uint32_t rows =
         (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
@@ -327,8 +328,8 @@ static df_status bin_rects(splat_state *state, const df_view *view, uint32_t vis
     if (status != DF_OK) return status;
     uint32_t *first = state->tile_first;
     memset(first, 0, ((size_t)columns * rows + 2) * sizeof *first);
-    for (uint32_t i = 0; i < visible; i++) { /* counts, two places ahead */
-        const tile_range range = tiles_of(state, &state->sorted[i]);
+    for (uint32_t i = 0; i < block_count; i++) { /* counts, two places ahead */
+        const tile_range range = tiles_of(state, &state->rects[state->order[i]]);
         for (uint32_t y = range.y0; y <= range.y1; y++) {
             for (uint32_t x = range.x0; x <= range.x1; x++) first[x + columns * y + 2]++;
         }
@@ -342,10 +343,12 @@ static df_status bin_rects(splat_state *state, const df_view *view, uint32_t vis
     }
     status = reserve(&state->entries, &state->entry_capacity, total, err);
     if (status != DF_OK) return status;
-    for (uint32_t i = 0; i < visible; i++) { /* fills, which moves first[t + 1] from the start to the end of tile t */
-        const tile_range range = tiles_of(state, &state->sorted[i]);
+    for (uint32_t i = 0; i < block_count;
+         i++) { /* fills, which moves first[t + 1] from the start to the end of tile t */
+        const tile_range range = tiles_of(state, &state->rects[state->order[i]]);
         for (uint32_t y = range.y0; y <= range.y1; y++) {
-            for (uint32_t x = range.x0; x <= range.x1; x++) state->entries[first[x + columns * y + 1]++] = i;
+            for (uint32_t x = range.x0; x <= range.x1; x++)
+                state->entries[first[x + columns * y + 1]++] = state->order[i];
         }
     }
     return DF_OK;
@@ -360,7 +363,7 @@ static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t f
 #pragma omp parallel for schedule(static) num_threads(state->options.threads)
     for (uint32_t block = 0; block < state->scene->block_count; block++)
         state->rects[block] = block_rect(state, view, block);
-    return bin_rects(state, view, sort_rects(state), err);
+    return bin_blocks(state, view, sort_blocks(state), err);
 }
 
 static uint32_t tile_index(const splat_state *state, const df_tile *tile) {
@@ -386,7 +389,7 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
                               &state->surface,
                               &state->projection,
                               tile,
-                              state->sorted,
+                              state->rects,
                               state->entries + state->tile_first[t],
                               state->tile_first[t + 1] - state->tile_first[t],
                               DF_SOLVE_ISOLATES(state->options.solve),
