@@ -38,10 +38,8 @@ typedef struct walks {
 
 static lf plane_t(const packet *p, int axis, lf plane) { return (plane - p->origin[axis]) * p->inverse[axis]; }
 
-static lm equal(lf a, lf b) { return lm_and(lf_le(a, b), lf_le(b, a)); }
-
 static lm precedes(lf t, int axis, events at) {
-    return lm_or(lf_lt(t, at.t), lm_and(equal(t, at.t), lf_lt(lf_set((float)axis), at.axis)));
+    return lm_or(lf_lt(t, at.t), lm_and(lf_eq(t, at.t), lf_lt(lf_set((float)axis), at.axis)));
 }
 
 /* dda_cell_after: the cell along an axis that the events do not cross. */
@@ -54,11 +52,11 @@ static lf cell_after(const boxes *box, const packet *p, int axis, events at, lm 
     lf cell = lf_floor(lf_min(lf_max(position, box->low[axis]), end));
     for (lm go = active; lm_any(go);) {
         go = lm_and(go,
-                    lm_and(lm_not(equal(cell, last)), precedes(plane_t(p, axis, (cell + up) * box->size), axis, at)));
+                    lm_and(lm_not(lf_eq(cell, last)), precedes(plane_t(p, axis, (cell + up) * box->size), axis, at)));
         cell = lf_select(go, cell + step, cell);
     }
     for (lm go = active; lm_any(go);) {
-        go = lm_and(go, lm_and(lm_not(equal(cell, first)),
+        go = lm_and(go, lm_and(lm_not(lf_eq(cell, first)),
                                lm_not(precedes(plane_t(p, axis, (cell + down) * box->size), axis, at))));
         cell = lf_select(go, cell - step, cell);
     }
@@ -72,7 +70,7 @@ static void begin(walks *w, const boxes *box, const packet *p, events at, lm act
     for (int a = 0; a < 3; a++) {
         const lf up = lf_select(p->upward[a], one, zero), end = box->high[a] - one;
         const lf first = lf_select(p->upward[a], box->low[a], end);
-        const lf cell = lf_select(equal(at.axis, lf_set((float)a)), first, cell_after(box, p, a, at, active));
+        const lf cell = lf_select(lf_eq(at.axis, lf_set((float)a)), first, cell_after(box, p, a, at, active));
         const lf from_low = cell - box->low[a];
         w->plane_step[a] = lf_select(p->upward[a], box->size, zero - box->size);
         w->stride[a] = li_select(p->upward[a], box->stride[a], li_mul(box->stride[a], li_set(-1)));
@@ -85,26 +83,24 @@ static void begin(walks *w, const boxes *box, const packet *p, events at, lm act
 }
 
 /* Where the lanes leave their cells. */
-static events leave(const walks *w) {
-    const lm y = lf_lt(w->leave[1], w->leave[0]);
-    events at = {lf_select(y, w->leave[1], w->leave[0]), lf_select(y, lf_set(1), lf_set(0))};
-    const lm z = lf_lt(w->leave[2], at.t);
-    at.t = lf_select(z, w->leave[2], at.t);
-    at.axis = lf_select(z, lf_set(2), at.axis);
-    return at;
+static inline events leave(const walks *w) {
+    const lf t = lf_min(w->leave[1], w->leave[0]);
+    const lm y = lf_lt(w->leave[1], w->leave[0]), z = lf_lt(w->leave[2], t);
+    return (events){lf_min(w->leave[2], t), lf_select(z, lf_set(2), lf_masked(y, lf_set(1)))};
 }
 
-/* Steps the active lanes across the axes of `at`; returns those that are still in their box. */
-static lm step(walks *w, const packet *p, events at, lm active) {
+/* Steps the active lanes across the axes of `at`; returns those that are still in their box. The others' indices stay
+ * what they are, so that they may be read. */
+static inline lm step(walks *w, const packet *p, events at, lm active) {
     lm inside = active;
     for (int a = 0; a < 3; a++) {
-        const lm across = lm_and(active, equal(at.axis, lf_set((float)a)));
-        w->left[a] = lf_select(across, w->left[a] - lf_set(1), w->left[a]);
+        const lm across = lm_and(active, lf_eq(at.axis, lf_set((float)a)));
+        w->left[a] = w->left[a] - lf_masked(across, lf_set(1));
         const lm stays = lm_and(across, lf_lt(lf_set(0.5f), w->left[a]));
-        inside = lm_and(inside, lm_or(lm_not(across), stays));
-        w->index = li_select(stays, li_add(w->index, w->stride[a]), w->index);
-        w->plane[a] = lf_select(stays, w->plane[a] + w->plane_step[a], w->plane[a]);
-        w->leave[a] = lf_select(stays, plane_t(p, a, w->plane[a]), w->leave[a]);
+        inside = lm_andnot(inside, lm_andnot(across, stays));
+        w->index = li_add(w->index, li_masked(stays, w->stride[a]));
+        w->plane[a] = w->plane[a] + lf_masked(stays, w->plane_step[a]);
+        w->leave[a] = plane_t(p, a, w->plane[a]);
     }
     return inside;
 }

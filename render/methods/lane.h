@@ -36,10 +36,13 @@ static inline lf lf_max(lf a, lf b) { return a > b ? a : b; }
 static inline lm lf_lt(lf a, lf b) { return a < b; }
 static inline lm lf_le(lf a, lf b) { return a <= b; }
 static inline lf lf_select(lm m, lf a, lf b) { return m ? a : b; }
+static inline lm lf_eq(lf a, lf b) { return a == b; }
+static inline lf lf_masked(lm m, lf a) { return m ? a : 0; }
 static inline lm lm_and(lm a, lm b) { return a & b; }
 static inline lm lm_or(lm a, lm b) { return a | b; }
 static inline lm lm_xor(lm a, lm b) { return a ^ b; }
 static inline lm lm_not(lm a) { return !a; }
+static inline lm lm_andnot(lm a, lm b) { return a & !b; }
 static inline int lm_any(lm a) { return a; }
 #ifdef DF_OPENCL
 static inline lf lf_sqrt(lf a) { return sqrt(a); }
@@ -98,6 +101,7 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     for (int c = 0; c < 8; c++) out[c] = from[0][c];
 }
 static inline li li_select(lm m, li a, li b) { return m ? a : b; }
+static inline li li_masked(lm m, li a) { return m ? a : 0; }
 static inline lm li_lt(li a, li b) { return a < b; }
 static inline lm li_bit(li word, li bit) { return (int)((uint32_t)word >> bit & 1); }
 static inline lm lm_first(uint32_t n) { return n > 0; }
@@ -126,6 +130,8 @@ static inline lf lf_max(lf a, lf b) { return _mm_max_ps(a, b); }
 static inline lm lf_lt(lf a, lf b) { return _mm_cmplt_ps(a, b); }
 static inline lm lf_le(lf a, lf b) { return _mm_cmple_ps(a, b); }
 static inline lf lf_select(lm m, lf a, lf b) { return _mm_blendv_ps(b, a, m); }
+static inline lm lf_eq(lf a, lf b) { return _mm_cmpeq_ps(a, b); }
+static inline lf lf_masked(lm m, lf a) { return _mm_and_ps(m, a); }
 static inline lf lf_sqrt(lf a) { return _mm_sqrt_ps(a); }
 static inline lf lf_abs(lf a) { return _mm_andnot_ps(_mm_set1_ps(-0.0f), a); }
 static inline lf lf_floor(lf a) { return _mm_floor_ps(a); }
@@ -133,6 +139,7 @@ static inline lm lm_and(lm a, lm b) { return _mm_and_ps(a, b); }
 static inline lm lm_or(lm a, lm b) { return _mm_or_ps(a, b); }
 static inline lm lm_xor(lm a, lm b) { return _mm_xor_ps(a, b); }
 static inline lm lm_not(lm a) { return _mm_xor_ps(a, _mm_castsi128_ps(_mm_set1_epi32(-1))); }
+static inline lm lm_andnot(lm a, lm b) { return _mm_andnot_ps(b, a); }
 static inline uint32_t lm_bits(lm a) { return (uint32_t)_mm_movemask_ps(a); }
 static inline int lm_any(lm a) { return _mm_movemask_ps(a) != 0; }
 static inline li li_set(int32_t a) { return _mm_set1_epi32(a); }
@@ -176,15 +183,14 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
 static inline li li_select(lm m, li a, li b) {
     return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m));
 }
+static inline li li_masked(lm m, li a) { return _mm_and_si128(_mm_castps_si128(m), a); }
 static inline lm li_lt(li a, li b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
+/* There is no shift by lane: the word times 2^(31 - bit), which a float's exponent makes, has the bit as its sign. 2^31
+ * converts to what it should be, by overflow. */
 static inline lm li_bit(li word, li bit) {
-    uint32_t w[4];
-    int32_t b[4];
-    li_store((int32_t *)w, word);
-    li_store(b, bit);
-    const li set = _mm_setr_epi32((int)(w[0] >> b[0] & 1), (int)(w[1] >> b[1] & 1), (int)(w[2] >> b[2] & 1),
-                                  (int)(w[3] >> b[3] & 1));
-    return _mm_castsi128_ps(_mm_cmpgt_epi32(set, _mm_setzero_si128()));
+    const li exponent = _mm_slli_epi32(_mm_sub_epi32(_mm_set1_epi32(127 + 31), bit), 23);
+    const li power = _mm_cvttps_epi32(_mm_castsi128_ps(exponent));
+    return _mm_castsi128_ps(_mm_srai_epi32(_mm_mullo_epi32(word, power), 31));
 }
 static inline lm lm_first(uint32_t n) {
     return _mm_castsi128_ps(_mm_cmplt_epi32(_mm_setr_epi32(0, 1, 2, 3), _mm_set1_epi32((int)n)));
@@ -226,6 +232,8 @@ static inline lf lf_max(lf a, lf b) { return _mm256_max_ps(a, b); }
 static inline lm lf_lt(lf a, lf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
 static inline lm lf_le(lf a, lf b) { return _mm256_cmp_ps(a, b, _CMP_LE_OQ); }
 static inline lf lf_select(lm m, lf a, lf b) { return _mm256_blendv_ps(b, a, m); }
+static inline lm lf_eq(lf a, lf b) { return _mm256_cmp_ps(a, b, _CMP_EQ_OQ); }
+static inline lf lf_masked(lm m, lf a) { return _mm256_and_ps(m, a); }
 static inline lf lf_sqrt(lf a) { return _mm256_sqrt_ps(a); }
 static inline lf lf_abs(lf a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a); }
 static inline lf lf_floor(lf a) { return _mm256_floor_ps(a); }
@@ -233,6 +241,7 @@ static inline lm lm_and(lm a, lm b) { return _mm256_and_ps(a, b); }
 static inline lm lm_or(lm a, lm b) { return _mm256_or_ps(a, b); }
 static inline lm lm_xor(lm a, lm b) { return _mm256_xor_ps(a, b); }
 static inline lm lm_not(lm a) { return _mm256_xor_ps(a, _mm256_castsi256_ps(_mm256_set1_epi32(-1))); }
+static inline lm lm_andnot(lm a, lm b) { return _mm256_andnot_ps(b, a); }
 static inline uint32_t lm_bits(lm a) { return (uint32_t)_mm256_movemask_ps(a); }
 static inline int lm_any(lm a) { return _mm256_movemask_ps(a) != 0; }
 static inline li li_set(int32_t a) { return _mm256_set1_epi32(a); }
@@ -282,6 +291,7 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
 static inline li li_select(lm m, li a, li b) {
     return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m));
 }
+static inline li li_masked(lm m, li a) { return _mm256_and_si256(_mm256_castps_si256(m), a); }
 static inline lm li_lt(li a, li b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
 static inline lm li_bit(li word, li bit) {
     const li set = _mm256_and_si256(_mm256_srlv_epi32(word, bit), _mm256_set1_epi32(1));
@@ -330,6 +340,8 @@ static inline lf lf_max(lf a, lf b) { return _mm512_max_ps(a, b); }
 static inline lm lf_lt(lf a, lf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
 static inline lm lf_le(lf a, lf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
 static inline lf lf_select(lm m, lf a, lf b) { return _mm512_mask_blend_ps(m, b, a); }
+static inline lm lf_eq(lf a, lf b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
+static inline lf lf_masked(lm m, lf a) { return _mm512_maskz_mov_ps(m, a); }
 static inline lf lf_sqrt(lf a) { return _mm512_sqrt_ps(a); }
 static inline lf lf_abs(lf a) { return _mm512_abs_ps(a); }
 static inline lf lf_floor(lf a) { return _mm512_roundscale_ps(a, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC); }
@@ -337,6 +349,7 @@ static inline lm lm_and(lm a, lm b) { return (lm)(a & b); }
 static inline lm lm_or(lm a, lm b) { return (lm)(a | b); }
 static inline lm lm_xor(lm a, lm b) { return (lm)(a ^ b); }
 static inline lm lm_not(lm a) { return (lm)~a; }
+static inline lm lm_andnot(lm a, lm b) { return (lm)(a & ~b); }
 static inline uint32_t lm_bits(lm a) { return a; }
 static inline int lm_any(lm a) { return a != 0; }
 static inline li li_set(int32_t a) { return _mm512_set1_epi32(a); }
@@ -380,6 +393,7 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     }
 }
 static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
+static inline li li_masked(lm m, li a) { return _mm512_maskz_mov_epi32(m, a); }
 static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
 static inline lm li_bit(li word, li bit) {
     return _mm512_test_epi32_mask(word, _mm512_sllv_epi32(_mm512_set1_epi32(1), bit));
