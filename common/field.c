@@ -1,5 +1,6 @@
 #include "common/field.h"
 #include "common/memory.h"
+#include "common/octree_samples.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -127,12 +128,7 @@ bool df_field_sample(const df_field *field, const uint32_t sample[3], float *val
     return false;
 }
 
-double df_trilinear(const float v[8], const double local[3]) {
-    double x = local[0], y = local[1], z = local[2];
-    double a = (1 - x) * (double)v[0] + x * (double)v[1], b = (1 - x) * (double)v[2] + x * (double)v[3];
-    double c = (1 - x) * (double)v[4] + x * (double)v[5], d = (1 - x) * (double)v[6] + x * (double)v[7];
-    return (1 - z) * ((1 - y) * a + y * b) + z * ((1 - y) * c + y * d);
-}
+double df_trilinear(const float v[8], const double local[3]) { return df_octree_interpolate(v, local); }
 
 void df_trilinear_gradient(const float v[8], const double local[3], double gradient[3]) {
     for (int axis = 0; axis < 3; axis++) {

@@ -12,6 +12,14 @@
 
 #include "common/octree.h"
 
+/* Trilinear interpolation within a cell, in double: df_trilinear of field.h. */
+static inline double df_octree_interpolate(const float v[8], const double within[3]) {
+    const double x = within[0], y = within[1], z = within[2];
+    const double a = (1 - x) * (double)v[0] + x * (double)v[1], b = (1 - x) * (double)v[2] + x * (double)v[3];
+    const double c = (1 - x) * (double)v[4] + x * (double)v[5], d = (1 - x) * (double)v[6] + x * (double)v[7];
+    return (1 - z) * ((1 - y) * a + y * b) + z * ((1 - y) * c + y * d);
+}
+
 /* Where the samples of a family lie, and what makes values of them. */
 typedef struct df_coded {
     const DF_GLOBAL float *values; /* of an exact family; otherwise NULL */

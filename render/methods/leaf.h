@@ -7,14 +7,6 @@
 #include "common/octree_samples.h"
 #include "render/methods/gradient.h"
 
-/* df_trilinear (field.h). */
-static inline double df_leaf_interpolate(const float v[8], const double within[3]) {
-    const double x = within[0], y = within[1], z = within[2];
-    const double a = (1 - x) * (double)v[0] + x * (double)v[1], b = (1 - x) * (double)v[2] + x * (double)v[3];
-    const double c = (1 - x) * (double)v[4] + x * (double)v[5], d = (1 - x) * (double)v[6] + x * (double)v[7];
-    return (1 - z) * ((1 - y) * a + y * b) + z * ((1 - y) * c + y * d);
-}
-
 /* The field at a corner of the grid of the leaf's size, from the leaf that holds it; false outside the root cube. */
 static inline bool df_leaf_sample(const df_field *field, const int64_t at[3], float *value) {
     double grid[3], within[3];
@@ -27,7 +19,7 @@ static inline bool df_leaf_sample(const df_field *field, const int64_t at[3], fl
     df_octree_find(field, grid, DF_LEVEL_COUNT_MAX, &cell);
     df_octree_corners(field, cell.family, cell.child, corners);
     for (int a = 0; a < 3; a++) within[a] = (grid[a] - cell.corner[a]) / cell.side;
-    *value = (float)df_leaf_interpolate(corners, within);
+    *value = (float)df_octree_interpolate(corners, within);
     return true;
 }
 
@@ -54,7 +46,7 @@ static inline bool df_leaf_face(const df_field *field, const uint32_t corner[3],
         within[axis] = (double)(lower[axis] + (after ? size : 0) - cell.corner[axis]) / cell.side;
         within[u] = (double)(lower[u] + (i & 1) * size - cell.corner[u]) / cell.side;
         within[v] = (double)(lower[v] + (i >> 1) * size - cell.corner[v]) / cell.side;
-        value[i] = (float)df_leaf_interpolate(corners, within);
+        value[i] = (float)df_octree_interpolate(corners, within);
     }
     return true;
 }
