@@ -19,6 +19,8 @@
 #define SHARED_LEVEL ADF_PILOT_LEVEL
 /* The longest list; cells with more faces are searched sample by sample. */
 #define LIST_MAX 8192
+/* Above this the tree is searched all the same: that is quicker. */
+#define LIST_SEARCH 256
 /* Above this a list is shrunk by spheres around the faces, below by their distances. */
 #define LIST_SPHERES 48
 
@@ -37,6 +39,7 @@ typedef struct cell {
     uint32_t face_count;
     uint32_t close_count; /* the first so many may cross the cell */
     bool crossed;         /* one of them does; otherwise not known */
+    bool clear;           /* no face is near enough to cross it */
     bool forced;
 } cell;
 
@@ -85,7 +88,7 @@ static void sample_at(const cell *c, uint32_t half, uint32_t s, uint32_t at[3]) 
 /* The distances of up to 8 samples, by the faces listed or, without a list, by a search. */
 static void measure_eight(worker *w, const cell *c, const double points[3][8], uint32_t count, double distances[8]) {
     const df_face_tree *tree = w->tree->input->tree;
-    if (c->faces) {
+    if (c->faces && c->face_count <= LIST_SEARCH) {
         df_face_distances(tree->faces, c->faces, c->face_count, points, NULL, distances);
     } else {
         for (uint32_t i = 0; i < count; i++) {
@@ -331,6 +334,7 @@ static bool is_crossed(const worker *w, const cell *c) {
     const df_adf_input *in = w->tree->input;
     double centre[3], half = side_world(w, c) / 2;
     if (!in->tree) return in->crosses(in->crosses_context, c->corner, adf_side(w->tree, c->level));
+    if (c->clear) return false;
     if (!c->faces || c->crossed) return true;
     centre_of(w, c, centre);
     for (uint32_t i = 0; i < c->close_count; i++) {
@@ -346,6 +350,8 @@ static void list_faces(worker *w, cell *c) {
     if (!tree) return;
     centre_of(w, c, centre);
     double least = sqrt(df_face_tree_nearest(tree, centre, &w->nearest));
+    c->clear = least > side_world(w, c) * 0.8660254037844387 * (1 + 1e-9);
+    if (c->clear && !c->forced) return;
     double reach = (least + side_world(w, c) * 1.7320508075688773) * (1 + 1e-9);
     c->face_count = df_face_tree_list(tree, centre, reach, w->lists[c->level], LIST_MAX);
     if (c->face_count <= LIST_MAX) c->faces = w->lists[c->level];
