@@ -1,10 +1,13 @@
 #include "common/output_file.h"
 #include "common/interrupt.h"
 
+#include <ctype.h>
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <libgen.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,6 +59,23 @@ static int open_temporary(df_output *output, const char *folder, mode_t mode) {
     return fd;
 }
 
+/* Removes the temporaries of this target, ".BASE.PID.tmp", whose process is no more: killed in the moment between
+ * naming and renaming. */
+static void remove_stale(const char *folder, const char *base) {
+    const size_t length = strlen(base);
+    DIR *directory = opendir(folder);
+    for (const struct dirent *entry; directory && (entry = readdir(directory));) {
+        const char *name = entry->d_name;
+        char *end;
+        if (name[0] != '.' || strncmp(name + 1, base, length) != 0 || name[length + 1] != '.') continue;
+        if (!isdigit((unsigned char)name[length + 2])) continue;
+        const long pid = strtol(name + length + 2, &end, 10);
+        if (strcmp(end, ".tmp") == 0 && pid > 0 && kill((pid_t)pid, 0) != 0 && errno == ESRCH)
+            unlinkat(dirfd(directory), name, 0);
+    }
+    if (directory) closedir(directory);
+}
+
 df_status df_output_open(df_output *output, const char *path, df_error *err) {
     *output = (df_output){.fd = -1};
     output->path = strdup(path);
@@ -84,6 +104,8 @@ df_status df_output_open(df_output *output, const char *path, df_error *err) {
             output->temporary_path = NULL;
             status = df_fail(err, DF_ERROR_MEMORY, "%s: out of memory", path);
         } else {
+            const char *slash = strrchr(output->target_path, '/');
+            remove_stale(folder, slash ? slash + 1 : output->target_path);
             output->fd = open_temporary(output, folder, 0666);
             if (output->fd < 0) status = fail_errno(output, err, "create");
             else if (exists) (void)!fchmod(output->fd, info.st_mode & 07777);
