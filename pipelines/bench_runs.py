@@ -6,6 +6,7 @@ import os
 import shutil
 import statistics
 import subprocess
+import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 BIN = os.path.join(ROOT, "build", "release")
@@ -63,6 +64,24 @@ def interleaved(runs, repeats, frames):
 
 def median(rows, column):
     return statistics.median(float(row[column]) for row in rows)
+
+
+LOOP = """
+import sys, time
+sys.stdin.readline()  # all start together
+begin, x = time.perf_counter(), 1
+for _ in range(int(sys.argv[1])): x = x * 1103515245 + 12345 & 0x7fffffff
+print(time.perf_counter() - begin)
+"""
+
+
+def compute_rate(processes, rounds=4_000_000):
+    """Rounds a second of a loop without memory, run by so many processes at once: what the machine's cores give at best."""
+    loops = [subprocess.Popen([sys.executable, "-c", LOOP, str(rounds)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(processes)]
+    for loop in loops:
+        loop.stdin.write("\n")
+        loop.stdin.flush()
+    return sum(rounds / float(loop.communicate()[0]) for loop in loops)
 
 
 def draw_bars(path, title, times):
