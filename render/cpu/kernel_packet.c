@@ -32,7 +32,7 @@ typedef struct boxes {
 
 typedef struct walks {
     lf leave[3], plane[3], plane_step[3];
-    lf left[3]; /* cells up to the end of the box, this one included */
+    lf last[3]; /* the plane by which a ray leaves the box */
     li index, stride[3];
 } walks;
 
@@ -74,7 +74,7 @@ static void begin(walks *w, const boxes *box, const packet *p, events at, lm act
         const lf from_low = cell - box->low[a];
         w->plane_step[a] = lf_select(p->upward[a], box->size, zero - box->size);
         w->stride[a] = li_select(p->upward[a], box->stride[a], li_mul(box->stride[a], li_set(-1)));
-        w->left[a] = lf_select(p->upward[a], box->high[a] - cell, from_low + one);
+        w->last[a] = lf_select(p->upward[a], box->high[a], box->low[a]) * box->size;
         w->plane[a] = (cell + up) * box->size;
         w->leave[a] = plane_t(p, a, w->plane[a]);
         index = li_add(index, li_mul(li_from_lf(lf_select(active, from_low, zero)), box->stride[a]));
@@ -95,9 +95,8 @@ static inline lm step(walks *w, const packet *p, events at, lm active) {
     lm inside = active;
     for (int a = 0; a < 3; a++) {
         const lm across = lm_and(active, lf_eq(at.axis, lf_set((float)a)));
-        w->left[a] = w->left[a] - lf_masked(across, lf_set(1));
-        const lm stays = lm_and(across, lf_lt(lf_set(0.5f), w->left[a]));
-        inside = lm_andnot(inside, lm_andnot(across, stays));
+        const lm ends = lm_and(across, lf_eq(w->plane[a], w->last[a])), stays = lm_andnot(across, ends);
+        inside = lm_andnot(inside, ends);
         w->index = li_add(w->index, li_masked(stays, w->stride[a]));
         w->plane[a] = w->plane[a] + lf_masked(stays, w->plane_step[a]);
         w->leave[a] = plane_t(p, a, w->plane[a]);
@@ -158,7 +157,8 @@ typedef struct found {
 static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], const int32_t *block, lm lanes,
                  found *out, uint32_t *inside_bits, df_counters *counters) {
     const df_scene *scene = job->scene;
-    float corners[DF_LANES][8] = {{0}}, at[3][DF_LANES];
+    static const float none[8];
+    float corners[DF_LANES][8], at[3][DF_LANES];
     const float *rows[DF_LANES];
     df_segment_f32 segment;
     lanes =
@@ -167,14 +167,15 @@ static lm accept(const df_packet_job *job, const packet *p, const lf lower[3], c
     if (!bits) return lanes;
     counters->cells_tested += lm_count(bits);
     for (int a = 0; a < 3; a++) lf_store(at[a], lower[a]);
+    for (int i = 0; i < DF_LANES; i++) rows[i] = none;
     for (uint32_t rest = bits; rest; rest &= rest - 1) {
         const int i = __builtin_ctz(rest);
         const uint32_t voxel[3] = {(uint32_t)at[0][i], (uint32_t)at[1][i], (uint32_t)at[2][i]};
         DF_FETCH_BY_TYPE(scene->field->sample_type, df_fetch_corners, scene, voxel, (uint32_t)block[i], corners[i]);
+        rows[i] = corners[i];
     }
     lf corner[8];
     lm inside;
-    for (int i = 0; i < DF_LANES; i++) rows[i] = corners[i];
     lf_load_8(rows, corner);
     const lm hit = lm_and(lanes, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
     for (uint32_t rest = lm_bits(hit); rest; rest &= rest - 1) {

@@ -269,7 +269,12 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     li_store(lane, a);
     for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
 }
-static inline li li_gather(const int32_t *base, li index) { return _mm256_i32gather_epi32(base, index, 4); }
+static inline li li_gather(const int32_t *base, li index) {
+    int32_t i[8];
+    li_store(i, index);
+    return _mm256_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]], base[i[4]], base[i[5]], base[i[6]],
+                             base[i[7]]);
+}
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     lf row[8], pair[8], four[8];
     for (int i = 0; i < 8; i++) row[i] = _mm256_loadu_ps(from[i]);
