@@ -3,9 +3,9 @@
 
 #include <string.h>
 
-/* df_ray_direction over double lanes, stored as floats. */
-static void store_direction(float *out, ld d) { ld_store_f32(out, d); }
+enum { PARTS = DF_LANES / DF_DOUBLE_LANES };
 
+/* df_ray_direction's. */
 static lf away_from_zero(lf d) {
     const lf least = lf_set(DF_DIRECTION_MIN), minus = lf_set(-DF_DIRECTION_MIN);
     lm tiny = lm_and(lf_lt(d, least), lf_lt(minus, d));
@@ -15,21 +15,20 @@ static lf away_from_zero(lf d) {
 void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x0, uint32_t y0, uint32_t width, uint32_t height,
                                     df_rays *rays) {
     double column[DF_DOUBLE_LANES];
-    for (int i = 0; i < DF_DOUBLE_LANES; i++) column[i] = i;
+    for (int i = 0; i < DF_DOUBLE_LANES; i++) column[i] = x0 + (double)i;
+    const ld first = ld_load(column), next = ld_set(DF_DOUBLE_LANES);
     for (int a = 0; a < 3; a++) {
         rays->origin[a][0] = (float)view->eye[a];
         const ld right = ld_set(view->right[a]);
         for (uint32_t y = 0; y < height; y++) {
             const ld row = ld_set(view->corner[a] + (y0 + y) * view->down[a]);
             float *direction = rays->direction[a] + (size_t)y * width, *inverse = rays->inverse[a] + (size_t)y * width;
+            ld at = first;
             for (uint32_t x = 0; x < width; x += DF_LANES) {
                 float d[DF_LANES], inv[DF_LANES];
-                for (uint32_t half = 0; half < DF_LANES; half += DF_DOUBLE_LANES) {
-                    ld at = ld_set(x0 + x + half) + ld_load(column);
-                    store_direction(d + half, row + at * right);
-                }
-                lf rounded = away_from_zero(lf_load(d));
-                lf inverted = lf_set(1) / rounded;
+                ld exact[PARTS];
+                for (int i = 0; i < PARTS; i++, at = at + next) exact[i] = row + at * right;
+                const lf rounded = away_from_zero(lf_from_ld(exact)), inverted = lf_set(1) / rounded;
                 if (x + DF_LANES <= width) {
                     lf_store(direction + x, rounded);
                     lf_store(inverse + x, inverted);

@@ -113,6 +113,7 @@ static inline ld ld_part(lf a, int part) {
 }
 static inline void ld_store(double *p, ld a) { *p = a; }
 static inline void ld_store_f32(float *p, ld a) { *p = (float)a; }
+static inline lf lf_from_ld(const ld part[1]) { return (float)part[0]; }
 #endif
 
 #elif DF_LANES == 4
@@ -203,6 +204,7 @@ static inline ld ld_load_f32(const float *p) {
 }
 static inline void ld_store(double *p, ld a) { _mm_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm_storel_epi64((__m128i *)p, _mm_castps_si128(_mm_cvtpd_ps(a))); }
+static inline lf lf_from_ld(const ld part[2]) { return _mm_movelh_ps(_mm_cvtpd_ps(part[0]), _mm_cvtpd_ps(part[1])); }
 static inline ld ld_part(lf a, int part) { return _mm_cvtps_pd(part ? _mm_movehl_ps(a, a) : a); }
 static inline ld ld_min(ld a, ld b) { return _mm_min_pd(a, b); }
 static inline ld ld_max(ld a, ld b) { return _mm_max_pd(a, b); }
@@ -312,6 +314,9 @@ static inline ld ld_load(const double *p) { return _mm256_loadu_pd(p); }
 static inline ld ld_load_f32(const float *p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
 static inline void ld_store(double *p, ld a) { _mm256_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm_storeu_ps(p, _mm256_cvtpd_ps(a)); }
+static inline lf lf_from_ld(const ld part[2]) {
+    return _mm256_set_m128(_mm256_cvtpd_ps(part[1]), _mm256_cvtpd_ps(part[0]));
+}
 static inline ld ld_part(lf a, int part) {
     return _mm256_cvtps_pd(part ? _mm256_extractf128_ps(a, 1) : _mm256_castps256_ps128(a));
 }
@@ -410,6 +415,9 @@ static inline ld ld_load(const double *p) { return _mm512_loadu_pd(p); }
 static inline ld ld_load_f32(const float *p) { return _mm512_cvtps_pd(_mm256_loadu_ps(p)); }
 static inline void ld_store(double *p, ld a) { _mm512_storeu_pd(p, a); }
 static inline void ld_store_f32(float *p, ld a) { _mm256_storeu_ps(p, _mm512_cvtpd_ps(a)); }
+static inline lf lf_from_ld(const ld part[2]) {
+    return _mm512_insertf32x8(_mm512_castps256_ps512(_mm512_cvtpd_ps(part[0])), _mm512_cvtpd_ps(part[1]), 1);
+}
 static inline ld ld_part(lf a, int part) {
     return _mm512_cvtps_pd(part ? _mm512_extractf32x8_ps(a, 1) : _mm512_castps512_ps256(a));
 }
