@@ -25,6 +25,33 @@
 #define DF_LANES 1
 #endif
 
+#if DF_LANES == 4 || DF_LANES == 8
+#include <immintrin.h>
+
+/* The numbers of which `bits` tells, side by side, first; the others are whatever. */
+static inline __m128i li_pack_four(__m128i a, uint32_t bits) {
+#define DF_FOUR(n) 0x03020100 + 0x04040404 * n /* the bytes of number n */
+    static const uint32_t bytes[16][4] = {{DF_FOUR(0)},
+                                          {DF_FOUR(0)},
+                                          {DF_FOUR(1)},
+                                          {DF_FOUR(0), DF_FOUR(1)},
+                                          {DF_FOUR(2)},
+                                          {DF_FOUR(0), DF_FOUR(2)},
+                                          {DF_FOUR(1), DF_FOUR(2)},
+                                          {DF_FOUR(0), DF_FOUR(1), DF_FOUR(2)},
+                                          {DF_FOUR(3)},
+                                          {DF_FOUR(0), DF_FOUR(3)},
+                                          {DF_FOUR(1), DF_FOUR(3)},
+                                          {DF_FOUR(0), DF_FOUR(1), DF_FOUR(3)},
+                                          {DF_FOUR(2), DF_FOUR(3)},
+                                          {DF_FOUR(0), DF_FOUR(2), DF_FOUR(3)},
+                                          {DF_FOUR(1), DF_FOUR(2), DF_FOUR(3)},
+                                          {DF_FOUR(0), DF_FOUR(1), DF_FOUR(2), DF_FOUR(3)}};
+#undef DF_FOUR
+    return _mm_shuffle_epi8(a, _mm_loadu_si128((const __m128i *)(const void *)bytes[bits]));
+}
+#endif
+
 #if DF_LANES == 1
 
 typedef float lf;
@@ -159,15 +186,9 @@ static inline lf lf_gather(const float *base, li index) {
     li_store(i, index);
     return _mm_setr_ps(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
 }
+static inline void li_compress(int32_t *p, lm m, li a) { li_store(p, li_pack_four(a, lm_bits(m))); }
 static inline void lf_compress(float *p, lm m, lf a) {
-    float lane[DF_LANES];
-    lf_store(lane, a);
-    for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
-}
-static inline void li_compress(int32_t *p, lm m, li a) {
-    int32_t lane[DF_LANES];
-    li_store(lane, a);
-    for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
+    lf_store(p, _mm_castsi128_ps(li_pack_four(_mm_castps_si128(a), lm_bits(m))));
 }
 static inline li li_gather(const int32_t *base, li index) {
     int32_t i[4];
@@ -261,16 +282,14 @@ static inline void li_store_u16(uint16_t *p, li a) {
     _mm_storeu_si128((__m128i *)p, both);
 }
 static inline lf lf_gather(const float *base, li index) { return _mm256_i32gather_ps(base, index, 4); }
-static inline void lf_compress(float *p, lm m, lf a) {
-    float lane[DF_LANES];
-    lf_store(lane, a);
-    for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
+static inline void li_pack_eight(void *p, __m256i a, uint32_t bits) {
+    const uint32_t low = bits & 15;
+    _mm_storeu_si128((__m128i *)p, li_pack_four(_mm256_castsi256_si128(a), low));
+    _mm_storeu_si128((__m128i *)((int32_t *)p + __builtin_popcount(low)),
+                     li_pack_four(_mm256_extracti128_si256(a, 1), bits >> 4));
 }
-static inline void li_compress(int32_t *p, lm m, li a) {
-    int32_t lane[DF_LANES];
-    li_store(lane, a);
-    for (uint32_t bits = lm_bits(m); bits; bits &= bits - 1) *p++ = lane[__builtin_ctz(bits)];
-}
+static inline void lf_compress(float *p, lm m, lf a) { li_pack_eight(p, _mm256_castps_si256(a), lm_bits(m)); }
+static inline void li_compress(int32_t *p, lm m, li a) { li_pack_eight(p, a, lm_bits(m)); }
 static inline li li_gather(const int32_t *base, li index) {
     int32_t i[8];
     li_store(i, index);
