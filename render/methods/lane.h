@@ -281,7 +281,12 @@ static inline void li_store_u16(uint16_t *p, li a) {
     const __m128i both = _mm_packus_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
     _mm_storeu_si128((__m128i *)p, both);
 }
-static inline lf lf_gather(const float *base, li index) { return _mm256_i32gather_ps(base, index, 4); }
+static inline lf lf_gather(const float *base, li index) { /* loads are faster than a gather on Zen */
+    int32_t i[8];
+    li_store(i, index);
+    return _mm256_setr_ps(base[i[0]], base[i[1]], base[i[2]], base[i[3]], base[i[4]], base[i[5]], base[i[6]],
+                          base[i[7]]);
+}
 static inline void li_pack_eight(void *p, __m256i a, uint32_t bits) {
     const uint32_t low = bits & 15;
     _mm_storeu_si128((__m128i *)p, li_pack_four(_mm256_castsi256_si128(a), low));
