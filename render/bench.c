@@ -144,6 +144,7 @@ static const char *const columns[] = {
     "tracer",
     "bounds",
     "intersect",
+    "precision",
     "gradient",
     "isa",
     "threads",

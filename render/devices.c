@@ -121,6 +121,8 @@ static df_status open_opencl(df_devices *d, uint32_t wanted, device_part *part, 
     if (d->frame.filter)
         return df_fail(err, DF_ERROR_USAGE, "--filter %s is the CPU's: OpenCL devices interpolate trilinearly",
                        df_filter_names[d->frame.filter]);
+    if (d->frame.precision == DF_PRECISION_F32)
+        return df_fail(err, DF_ERROR_USAGE, "--precision f32 is the CPU's: OpenCL devices solve in double");
     if (d->frame.walk.no_clip && d->part_count == 1)
         return df_fail(err, DF_ERROR_USAGE, "--clip off is the CPU's: packets of OpenCL devices look at whole blocks");
     if (d->frame.walk.bounds == DF_BOUNDS_GL)

@@ -89,6 +89,7 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     const df_trace_options trace = {.kernels = renderer->options.kernels,
                                     .solve = options->solve,
                                     .steps = options->steps,
+                                    .precision = options->precision,
                                     .filter = options->filter,
                                     .threads = options->threads,
                                     .tile_width = renderer->tile_width,

@@ -24,6 +24,7 @@ typedef struct df_picture {
 typedef struct df_frame_options {
     const df_tracer *tracer;
     int solve, steps; /* of the cell solve; steps 0: its default */
+    int precision;    /* DF_PRECISION_... */
     int gradient;     /* DF_GRADIENT_... */
     int filter;       /* as in df_trace_options */
     uint32_t tile;    /* edge of a tile in pixels */

@@ -36,6 +36,7 @@ void df_quality_choose(const df_field *field, const df_camera *camera, uint32_t 
     while (choice < CHOICE_COUNT - 1 && robust_errors[choice].error > q->bound) choice++;
     q->solve = DF_SOLVE_ROBUST;
     q->steps = robust_errors[choice].steps;
+    q->precision = DF_PRECISION_F64;
     q->error = robust_errors[choice].error;
     q->gradient = half_pixel >= largest ? DF_GRADIENT_ANALYTIC : DF_GRADIENT_CORNER_CENTRAL;
 }

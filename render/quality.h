@@ -17,7 +17,7 @@
 #include "render/view.h"
 
 typedef struct df_quality {
-    int solve, steps, gradient;
+    int solve, steps, precision, gradient;
     double field_floor; /* voxels, RMS; negative: the file does not state it */
     double pixel_floor; /* voxels; 0 where the eye is inside the box */
     double bound;       /* voxels: a tenth of the higher floor */

@@ -56,6 +56,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "intersect", json_string(own ? "own" : df_solve_names[settings->solve]));
     json_object_set_new(json, "steps",
                         json_integer(settings->steps ? settings->steps : df_solve_steps(settings->solve)));
+    json_object_set_new(json, "precision", json_string(own ? "own" : df_precision_names[settings->precision]));
     json_object_set_new(json, "gradient", json_string(own ? "own" : df_gradient_names[settings->gradient]));
     json_object_set_new(json, "isa", json_string(report->kernels->isa));
     json_object_set_new(json, "threads", json_integer(report->threads));

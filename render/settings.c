@@ -106,7 +106,8 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         if (status == DF_OK) s->quality_auto = number == 1;
         return status;
     }
-    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "gradient") == 0)
+    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "precision") == 0 ||
+        strcmp(name, "gradient") == 0)
         s->has_methods = true;
     if (strcmp(name, "intersect") == 0) {
         status = df_parse_name("--intersect", value, df_solve_names, &number, err);
@@ -116,6 +117,11 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
     if (strcmp(name, "steps") == 0) {
         status = df_parse_u32("--steps", value, 1, 100, &number, err);
         if (status == DF_OK) s->steps = (int)number;
+        return status;
+    }
+    if (strcmp(name, "precision") == 0) {
+        status = df_parse_name("--precision", value, df_precision_names, &number, err);
+        if (status == DF_OK) s->precision = (int)number;
         return status;
     }
     if (strcmp(name, "gradient") == 0) {
@@ -129,12 +135,13 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
 df_status df_settings_camera(const df_settings *s, const df_field *field, df_camera *camera, df_error *err) {
     if (s->quality_auto && s->has_methods) {
         return df_fail(err, DF_ERROR_USAGE,
-                       "--quality auto chooses the methods: it cannot go with --intersect, --steps or --gradient");
+                       "--quality auto chooses the methods: it cannot go with --intersect, --steps, --precision or "
+                       "--gradient");
     }
     if (s->filter && (s->tracer || s->has_methods || s->quality_auto || s->walk.bounds)) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--filter %s has a tracer, a solve and a gradient of its own: it cannot go with --tracer, "
-                       "--intersect, --steps, --gradient, --quality or --bounds",
+                       "--intersect, --steps, --precision, --gradient, --quality or --bounds",
                        df_filter_names[s->filter]);
     }
     if ((s->walk.packet || s->walk.no_clip) && s->tracer != &df_tracer_cgt)
@@ -147,11 +154,17 @@ df_status df_settings_camera(const df_settings *s, const df_field *field, df_cam
     if (s->tracer && s->tracer->own_methods && s->has_methods) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--tracer %s draws a mesh, which has its own hits and normals: it cannot go with --intersect, "
-                       "--steps or --gradient",
+                       "--steps, --precision or --gradient",
                        s->tracer->name);
     }
     if (s->steps && df_solve_steps(s->solve) == 0) {
         return df_fail(err, DF_ERROR_USAGE, "--steps: --intersect %s has no steps", df_solve_names[s->solve]);
+    }
+    if (s->precision == DF_PRECISION_F32 && s->solve == DF_SOLVE_ANALYTIC) {
+        return df_fail(
+            err, DF_ERROR_USAGE,
+            "--precision f32: --intersect analytic is in double only: in float the closed form is up to half a "
+            "voxel off where the cubic term nearly vanishes");
     }
     if (s->has_orbit && (s->has_eye || s->has_look_at || s->has_up)) {
         return df_fail(err, DF_ERROR_USAGE, "--orbit places the camera: it cannot go with --eye, --look-at or --up");
@@ -178,6 +191,7 @@ char *df_settings_text(const df_settings *s, const df_camera *c) {
     if (s->filter) fprintf(stream, "filter=%s\n", df_filter_names[s->filter]);
     if (!s->filter && !(s->tracer && s->tracer->own_methods))
         fprintf(stream, "intersect=%s\ngradient=%s\n", df_solve_names[s->solve], df_gradient_names[s->gradient]);
+    if (s->precision) fprintf(stream, "precision=%s\n", df_precision_names[s->precision]);
     if (s->steps) fprintf(stream, "steps=%d\n", s->steps);
     if (s->scene.levels) fprintf(stream, "levels=%u\n", s->scene.levels);
     if (s->walk.packet) fprintf(stream, "packet=%u\n", s->walk.packet);

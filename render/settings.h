@@ -12,7 +12,7 @@ typedef struct df_settings {
     double iso;
     df_scene_options scene;
     const df_tracer *tracer; /* NULL: auto */
-    int solve, steps, gradient;
+    int solve, steps, precision, gradient;
     int filter;        /* not trilinear: df_tracer_tricubic draws */
     bool quality_auto; /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
     bool has_methods;

@@ -16,6 +16,7 @@ const df_tracer *const df_mesh_tracers[] = {
 #endif
     NULL};
 const char *const df_solve_names[] = {"midpoint", "linear", "repeated", "marmitt", "analytic", "robust", NULL};
+const char *const df_precision_names[] = {"f64", "f32", NULL};
 const char *const df_gradient_names[] = {"analytic",       "central", "forward", "backward", "corner-central",
                                          "corner-forward", "c0",      "crease",  NULL};
 const char *const df_bounds_names[] = {"none", "bricks", "voxels", "gl", NULL};

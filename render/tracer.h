@@ -52,6 +52,10 @@ typedef struct df_tile {
 #define DF_BOUNDS_VOXELS 2 /* each surface voxel */
 #define DF_BOUNDS_GL 3     /* as bricks, drawn by OpenGL */
 
+/* The numbers that a cell solve computes with. Walks are in float always, t in double. */
+#define DF_PRECISION_F64 0
+#define DF_PRECISION_F32 1
+
 /* How tracers go about finding hits, which they are for, and what changes no hit. Zero: the defaults. */
 typedef struct df_walk_options {
     uint32_t packet; /* cgt: rays along an edge of a packet, a power of two up to 32; 0: 8 */
@@ -65,6 +69,7 @@ typedef struct df_trace_options {
     const df_kernels *kernels;        /* the instruction set to use */
     int solve;                        /* DF_SOLVE_... of solve.h */
     int steps;                        /* of the solve; 0: df_solve_steps */
+    int precision;                    /* DF_PRECISION_...: of the solve; F64 only with DF_SOLVE_ANALYTIC */
     int filter;                       /* DF_FILTER_...: of df_tracer_tricubic */
     uint32_t threads;                 /* at most so many call trace at a time, with numbers 0 .. threads - 1 */
     uint32_t tile_width, tile_height; /* of the largest tile; tiles of a view start at multiples of them, rows counted
@@ -114,8 +119,9 @@ const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
  * takes. walk: NULL: no wishes. */
 const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk);
 
-/* Names of solves, gradients, bounds and filters, by number, ended by NULL. */
+/* Names of solves, precisions, gradients, bounds and filters, by number, ended by NULL. */
 extern const char *const df_solve_names[];
+extern const char *const df_precision_names[];
 extern const char *const df_gradient_names[];
 extern const char *const df_bounds_names[];
 extern const char *const df_filter_names[];

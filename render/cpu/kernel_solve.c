@@ -1,4 +1,5 @@
-/* Accepted cells to hits: DF_DOUBLE_LANES cells at a time, each ray rebased to its cell in double. */
+/* Accepted cells to hits, DF_LANES at a time: each ray rebased to its cell in double and solved there, DF_DOUBLE_LANES
+ * of them together (DF_PRECISION_F64), or both in float (DF_PRECISION_F32). */
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
 #include "render/methods/cubic.h"
@@ -10,9 +11,16 @@
 #include "render/methods/cell.h"
 #include "render/methods/solve.h"
 
+#include "render/methods/lane_f32.h"
+
+#include "render/methods/cell.h"
+#include "render/methods/solve.h"
+
 /* Illinois steps end where the position moves less than this, in parts of the segment: the step that shows it has
- * converged to far less, as its order is 1.44. The same as in hit.h. */
+ * converged to far less, as its order is 1.44: to 3e-12 in double, where it is the same as in hit.h, and to 6e-8 in
+ * float, half an ulp. */
 #define SOLVE_TOLERANCE 1e-8
+#define SOLVE_TOLERANCE_F32 1e-5f
 
 /* The inputs of DF_LANES cells. */
 typedef struct batch {
@@ -100,9 +108,9 @@ static inline void solve_cubics(const df_trace_options *options, const ld bern[P
     for (int part = 0; part < PARTS; part++) s[part] = df_root_end_f64(&root[part]);
 }
 
-/* Solves a batch for the hits from `at` on. size_is_1: of all cells, which saves a division. */
-static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
-                               uint32_t at) {
+/* Solves a batch for the hits from `at` on, in double. size_is_1: of all cells, which saves a division. */
+static inline void solve_batch_f64(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
+                                   uint32_t at) {
     df_segment_f64 segment[PARTS];
     ldm inside[PARTS];
     ld bern[PARTS][4], s[PARTS];
@@ -126,6 +134,31 @@ static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_o
         ld_store(hits->t + at, df_lerp_f64(g->t_in, ld_max(g->t_in, g->t_out), s[part]));
         for (int a = 0; a < 3; a++) ld_store_f32(hits->local[a] + at, df_lerp_f64(g->a[a], g->b[a], s[part]));
     }
+}
+
+/* The same in float: the very segment and cubic that the walk has accepted. Only t is put together in double, so that
+ * what rounds is the entry and the position between entry and exit, not their sum. */
+static inline void solve_batch_f32(const batch *in, const df_trace_options *options, df_hits *hits, uint32_t at) {
+    const int steps = options->steps ? options->steps : df_solve_steps(options->solve);
+    df_segment_f32 g;
+    lf inverse[3], bern[4];
+    for (int a = 0; a < 3; a++) inverse[a] = lf_set(1) / in->direction[a];
+    df_cell_segment_f32(in->origin, in->direction, inverse, lf_set(0), in->cell, in->size, &g);
+    df_bernstein_f32(in->corner, g.a, g.b, bern);
+    const lm inside = lf_lt(lf_set(0), in->inside);
+    const lf s = df_solve_f32(options->solve, steps, bern, inside, lf_set(SOLVE_TOLERANCE_F32));
+    const lf t_out = lf_max(g.t_in, g.t_out);
+    for (int a = 0; a < 3; a++) lf_store(hits->local[a] + at, df_lerp_f32(g.a[a], g.b[a], s));
+    for (int part = 0; part < PARTS; part++) {
+        const ld t = df_lerp_f64(ld_part(g.t_in, part), ld_part(t_out, part), ld_part(s, part));
+        ld_store(hits->t + at + part * DF_DOUBLE_LANES, t);
+    }
+}
+
+static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
+                               uint32_t at) {
+    if (options->precision == DF_PRECISION_F32) solve_batch_f32(in, options, hits, at);
+    else solve_batch_f64(in, size_is_1, options, hits, at);
 }
 
 void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *options, const df_rays *rays,
@@ -198,6 +231,7 @@ static void solve_splats(const df_splat_job *job, const df_trace_options *option
         in.direction[a] = lf_load(found->direction[a]);
     }
     in.inside = lf_from_li(back);
+    in.size = lf_set(1);
     DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, surface, records, found->block,
                      in.corner);
     solve_batch(&in, true, options, hits, at);

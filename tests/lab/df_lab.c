@@ -39,23 +39,32 @@
 #include <string.h>
 
 /* The format of the table counts as a part of the version. */
-#define LAB_VERSION DF_VERSION "-1"
-#define KEY_COLUMNS 12
+#define LAB_VERSION DF_VERSION "-2"
+#define KEY_COLUMNS 13
 static const char columns[] =
-    "kind,field,size,structure,samples,tracer,intersect,steps,gradient,truth,family,rays,bytes,"
+    "kind,field,size,structure,samples,tracer,intersect,steps,precision,gradient,truth,family,rays,bytes,"
     "tangent,true_positive,false_positive,false_negative,true_negative,leaks,wrong_face,"
     "depth_p50,depth_p99,depth_p999,depth_max,residual_p99,residual_max,normal_p50,normal_p99,normal_max,"
     "ns_per_ray,ns_per_hit,repeats,field_floor,seed,machine,compiler";
 
 typedef struct method {
     int solve, steps; /* steps as for --steps; 0: there is nothing to choose */
+    int precision;
 } method;
-static const method methods[] = {{DF_SOLVE_MIDPOINT, 0}, {DF_SOLVE_LINEAR, 0},   {DF_SOLVE_REPEATED, 1},
-                                 {DF_SOLVE_REPEATED, 2}, {DF_SOLVE_REPEATED, 3}, {DF_SOLVE_REPEATED, 5},
-                                 {DF_SOLVE_MARMITT, 1},  {DF_SOLVE_MARMITT, 2},  {DF_SOLVE_MARMITT, 3},
-                                 {DF_SOLVE_MARMITT, 5},  {DF_SOLVE_ANALYTIC, 0}, {DF_SOLVE_ROBUST, 1},
-                                 {DF_SOLVE_ROBUST, 2},   {DF_SOLVE_ROBUST, 3},   {DF_SOLVE_ROBUST, 4},
-                                 {DF_SOLVE_ROBUST, 6},   {DF_SOLVE_ROBUST, 16}};
+static const method methods[] = {{DF_SOLVE_MIDPOINT, 0, DF_PRECISION_F64}, {DF_SOLVE_LINEAR, 0, DF_PRECISION_F64},
+                                 {DF_SOLVE_REPEATED, 1, DF_PRECISION_F64}, {DF_SOLVE_REPEATED, 2, DF_PRECISION_F64},
+                                 {DF_SOLVE_REPEATED, 3, DF_PRECISION_F64}, {DF_SOLVE_REPEATED, 5, DF_PRECISION_F64},
+                                 {DF_SOLVE_MARMITT, 1, DF_PRECISION_F64},  {DF_SOLVE_MARMITT, 2, DF_PRECISION_F64},
+                                 {DF_SOLVE_MARMITT, 3, DF_PRECISION_F64},  {DF_SOLVE_MARMITT, 5, DF_PRECISION_F64},
+                                 {DF_SOLVE_ANALYTIC, 0, DF_PRECISION_F64}, {DF_SOLVE_ROBUST, 1, DF_PRECISION_F64},
+                                 {DF_SOLVE_ROBUST, 2, DF_PRECISION_F64},   {DF_SOLVE_ROBUST, 3, DF_PRECISION_F64},
+                                 {DF_SOLVE_ROBUST, 4, DF_PRECISION_F64},   {DF_SOLVE_ROBUST, 6, DF_PRECISION_F64},
+                                 {DF_SOLVE_ROBUST, 16, DF_PRECISION_F64},  {DF_SOLVE_LINEAR, 0, DF_PRECISION_F32},
+                                 {DF_SOLVE_REPEATED, 3, DF_PRECISION_F32}, {DF_SOLVE_MARMITT, 1, DF_PRECISION_F32},
+                                 {DF_SOLVE_MARMITT, 3, DF_PRECISION_F32},  {DF_SOLVE_MARMITT, 5, DF_PRECISION_F32},
+                                 {DF_SOLVE_ROBUST, 1, DF_PRECISION_F32},   {DF_SOLVE_ROBUST, 2, DF_PRECISION_F32},
+                                 {DF_SOLVE_ROBUST, 3, DF_PRECISION_F32},   {DF_SOLVE_ROBUST, 4, DF_PRECISION_F32},
+                                 {DF_SOLVE_ROBUST, 6, DF_PRECISION_F32},   {DF_SOLVE_ROBUST, 16, DF_PRECISION_F32}};
 enum { METHOD_COUNT = sizeof methods / sizeof methods[0] };
 
 /* A field under measurement. */
@@ -142,7 +151,7 @@ static uint32_t subject_size(const subject *s) {
 /* ---- rows ---- */
 
 typedef struct row {
-    const char *kind, *tracer, *intersect, *gradient, *truth, *family;
+    const char *kind, *tracer, *intersect, *precision, *gradient, *truth, *family;
     int steps;
     uint64_t rays;
     const lab_score *score;        /* NULL: no errors measured */
@@ -153,9 +162,9 @@ typedef struct row {
 
 static void row_key(const lab_session *session, const subject *s, const row *r, char *key, size_t size) {
     (void)session;
-    snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s),
+    snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s),
              df_field_kind_name(s->field.kind), df_sample_type_name(s->field.sample_type), r->tracer, r->intersect,
-             r->steps, r->gradient, r->truth, r->family, r->rays);
+             r->steps, r->precision, r->gradient, r->truth, r->family, r->rays);
 }
 
 static int print_times(char *out, size_t size, const row *r) {
@@ -220,10 +229,12 @@ static df_status measure_errors(lab_session *session, const subject *s, lab_fami
         lab_score score = {0};
         run.solve = methods[m].solve;
         run.steps = methods[m].steps;
+        run.precision = methods[m].precision;
         if (outer && run.solve != DF_SOLVE_ROBUST && run.steps > 1) continue; /* the field's error hides them */
         const row r = {.kind = "solve",
                        .tracer = "dda",
                        .intersect = df_solve_names[run.solve],
+                       .precision = df_precision_names[run.precision],
                        .gradient = "",
                        .steps = run.steps,
                        .truth = mesh      ? "mesh"
@@ -296,19 +307,21 @@ static df_status time_all(lab_session *session, const subject *s, double distanc
     return status;
 }
 
-static timing make_timing(const lab_session *session, const char *kind, const df_tracer *tracer, int solve, int steps,
+static timing make_timing(const lab_session *session, const char *kind, const df_tracer *tracer, method m,
                           int gradient) {
     return (timing){.options = {.tracer = tracer,
-                                .solve = solve,
-                                .steps = steps,
+                                .solve = m.solve,
+                                .steps = m.steps,
+                                .precision = m.precision,
                                 .gradient = gradient,
                                 .tile = 64,
                                 .threads = 1,
                                 .kernels = session->kernels},
                     .row = {.kind = kind,
                             .tracer = tracer->name,
-                            .intersect = df_solve_names[solve],
-                            .steps = steps,
+                            .intersect = df_solve_names[m.solve],
+                            .steps = m.steps,
+                            .precision = df_precision_names[m.precision],
                             .gradient = df_gradient_names[gradient],
                             .truth = "",
                             .family = "camera"}};
@@ -324,16 +337,16 @@ static df_status measure_times(lab_session *session, const subject *s) {
     df_status status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
     if (status != DF_OK) return status;
     const df_tracer *chosen = df_tracer_choose(&s->scene, &view, NULL);
+    const method standard = {DF_SOLVE_ROBUST, 0, DF_PRECISION_F64};
     for (int m = 0; m < METHOD_COUNT; m++) {
-        solves[m] =
-            make_timing(session, "solve-time", chosen, methods[m].solve, methods[m].steps, DF_GRADIENT_CORNER_CENTRAL);
+        solves[m] = make_timing(session, "solve-time", chosen, methods[m], DF_GRADIENT_CORNER_CENTRAL);
     }
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if ((*tracer)->suits && !(*tracer)->suits(&s->scene, &view)) continue;
-        others[count++] = make_timing(session, "tracer-time", *tracer, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL);
+        others[count++] = make_timing(session, "tracer-time", *tracer, standard, DF_GRADIENT_CORNER_CENTRAL);
     }
     for (int g = 0; g < DF_GRADIENT_COUNT; g++)
-        others[count++] = make_timing(session, "gradient-time", chosen, DF_SOLVE_ROBUST, 0, g);
+        others[count++] = make_timing(session, "gradient-time", chosen, standard, g);
     status = time_all(session, s, 1.6, solves, METHOD_COUNT);
     return status == DF_OK ? time_all(session, s, 1.6, others, count) : status;
 }
@@ -348,7 +361,7 @@ static df_status measure_auto(lab_session *session, const subject *s) {
     static const int steps[] = {1, 2, 3, 4, 6, 16};
     df_status status = DF_OK;
     for (int p = 0; p < 3 && status == DF_OK; p++) {
-        timing timings[13];
+        timing timings[25];
         int count = 0;
         df_camera camera;
         df_quality quality;
@@ -360,12 +373,12 @@ static df_status measure_auto(lab_session *session, const subject *s) {
         status = df_view_make(&camera, &s->field, size, size, &view, session->err);
         if (status != DF_OK) break;
         const df_tracer *tracer = df_tracer_choose(&s->scene, &view, NULL);
-        timings[count++] = make_timing(session, "auto-time", tracer, quality.solve, quality.steps, quality.gradient);
-        for (int i = 0; i < 6; i++) {
-            timings[count++] =
-                make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_CORNER_CENTRAL);
-            timings[count++] =
-                make_timing(session, "front-time", tracer, DF_SOLVE_ROBUST, steps[i], DF_GRADIENT_ANALYTIC);
+        timings[count++] = make_timing(session, "auto-time", tracer,
+                                       (method){quality.solve, quality.steps, quality.precision}, quality.gradient);
+        for (int i = 0; i < 12; i++) {
+            const method m = {DF_SOLVE_ROBUST, steps[i / 2], i % 2 ? DF_PRECISION_F32 : DF_PRECISION_F64};
+            timings[count++] = make_timing(session, "front-time", tracer, m, DF_GRADIENT_CORNER_CENTRAL);
+            timings[count++] = make_timing(session, "front-time", tracer, m, DF_GRADIENT_ANALYTIC);
         }
         for (int i = 0; i < count; i++) timings[i].row.family = places[p].family;
         status = time_all(session, s, places[p].distance, timings, count);
@@ -418,6 +431,7 @@ static df_status measure_normals(lab_session *session, const subject *s, uint64_
         const row r = {.kind = "gradient",
                        .tracer = "",
                        .intersect = "",
+                       .precision = "",
                        .gradient = df_gradient_names[g],
                        .truth = "surface",
                        .family = lab_family_names[LAB_CAMERA],
@@ -470,6 +484,7 @@ static df_status measure_storage(lab_session *session, const char *name, const l
     const row r = {.kind = "storage",
                    .tracer = "",
                    .intersect = "",
+                   .precision = "",
                    .gradient = "",
                    .truth = "surface",
                    .family = "camera",

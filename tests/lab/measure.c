@@ -159,6 +159,7 @@ typedef void chunk_visit(const lab_run *run, const chunk *c, void *result);
 static df_status for_each_chunk(const lab_run *run, chunk_visit *visit, void **results, df_error *err) {
     const df_trace_options options = {.solve = run->solve,
                                       .steps = run->steps,
+                                      .precision = run->precision,
                                       .threads = (uint32_t)omp_get_max_threads(),
                                       .tile_width = CHUNK_RAYS,
                                       .tile_height = 1,
@@ -252,8 +253,9 @@ void lab_print_failures(const lab_run *run, const lab_score *score) {
     for (uint32_t i = 0; i < score->failure_count; i++) {
         double o[3], d[3];
         lab_family_ray(run->scene->field, run->family, run->seed, score->failures[i].ray, o, d);
-        printf("%s: %s, solve %s, family %s, ray %" PRIu64 ": from %.17g %.17g %.17g along %.17g %.17g %.17g\n",
+        printf("%s: %s, solve %s %s, family %s, ray %" PRIu64 ": from %.17g %.17g %.17g along %.17g %.17g %.17g\n",
                run->tracer->name, names[score->failures[i].kind], df_solve_names[run->solve],
-               lab_family_names[run->family], score->failures[i].ray, o[0], o[1], o[2], d[0], d[1], d[2]);
+               df_precision_names[run->precision], lab_family_names[run->family], score->failures[i].ray, o[0], o[1],
+               o[2], d[0], d[1], d[2]);
     }
 }
