@@ -27,6 +27,9 @@ static df_status set_tracer(df_settings *settings, const char *value, df_error *
     char names[512] = "";
     settings->tracer = df_tracer_find(value);
     if (settings->tracer || strcmp(value, "auto") == 0) return DF_OK;
+    if (strcmp(value, "mc-embree") == 0 || strcmp(value, "mc-raster") == 0)
+        return df_fail(err, DF_ERROR_USAGE, "--tracer %s: built without %s", value,
+                       value[3] == 'e' ? "Embree" : "OpenGL and EGL");
     for (int list = 0; list < 2; list++) {
         for (const df_tracer *const *tracer = list ? df_mesh_tracers : df_tracers; *tracer; tracer++) {
             snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
