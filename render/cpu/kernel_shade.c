@@ -11,24 +11,29 @@ enum { KEPT = 64 };
 typedef struct stencils {
     const float *from[DF_LANES];
     float of[DF_LANES][DF_FETCH_STENCIL];
-    uint64_t voxel[KEPT];  /* x + 2^16 y + 2^32 z; all bits set: none */
+    uint64_t voxel[KEPT];  /* x + 2^16 y + 2^32 z + 2^48 log2 of a leaf's size; all bits set: none */
     uint32_t needed[KEPT]; /* the vector of hits that wants it last: it stays as long */
     float kept[KEPT][DF_FETCH_STENCIL];
 } stencils;
+
+/* Where the stencil of hit `first` + i of a vector goes, that of the voxel or leaf `key`; NULL where it is there
+ * already. */
+static inline float *place_stencil(stencils *in, uint32_t i, uint32_t first, uint64_t key, uint32_t slot) {
+    const bool known = in->voxel[slot] == key, keep = known || in->needed[slot] != first;
+    in->from[i] = keep ? in->kept[slot] : in->of[i];
+    if (keep) in->needed[slot] = first;
+    if (known) return NULL;
+    if (keep) in->voxel[slot] = key;
+    return keep ? in->kept[slot] : in->of[i];
+}
 
 static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes,
                                   bool beyond, stencils *in, df_sample_type type) {
     for (uint32_t i = 0; i < lanes; i++) {
         const uint32_t voxel[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         const uint64_t key = voxel[0] | (uint64_t)voxel[1] << 16 | (uint64_t)voxel[2] << 32;
-        const uint32_t slot = (voxel[0] + 5 * voxel[1] + 25 * voxel[2]) % KEPT;
-        const bool known = in->voxel[slot] == key, keep = known || in->needed[slot] != first;
-        float *samples = keep ? in->kept[slot] : in->of[i];
-        in->from[i] = samples;
-        if (keep) in->needed[slot] = first;
-        if (known) continue;
-        if (keep) in->voxel[slot] = key;
-        df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, samples, type);
+        float *samples = place_stencil(in, i, first, key, (voxel[0] + 5 * voxel[1] + 25 * voxel[2]) % KEPT);
+        if (samples) df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, samples, type);
     }
 }
 
@@ -38,11 +43,14 @@ static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint
         const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         /* the size scales the gradient, which the normal does not feel */
         const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
-        float stencil[64] = {0};
+        const uint64_t key =
+            corner[0] | (uint64_t)corner[1] << 16 | (uint64_t)corner[2] << 32 | (uint64_t)size_log2 << 48;
+        const uint32_t slot = ((corner[0] >> size_log2) + 5 * (corner[1] >> size_log2) + 25 * (corner[2] >> size_log2));
+        float *samples = place_stencil(in, i, first, key, slot % KEPT), stencil[64] = {0};
+        if (!samples) continue;
         df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond ? DF_REACH_FACES : DF_REACH_CELL,
                               stencil, 1);
-        for (int n = 0; n < DF_FETCH_STENCIL; n++) in->of[i][n] = stencil[df_fetch_place(n)];
-        in->from[i] = in->of[i];
+        for (int n = 0; n < DF_FETCH_STENCIL; n++) samples[n] = stencil[df_fetch_place(n)];
     }
 }
 
