@@ -51,20 +51,28 @@ static inline bool df_leaf_face(const df_field *field, const uint32_t corner[3],
     return true;
 }
 
+/* The corners of a child of a family whose own cell, `cell`, is decoded already, unless it is exact. */
+static inline void df_leaf_corners(const df_field *field, uint32_t family, uint32_t child, const float cell[8],
+                                   float corners[8]) {
+    if (family < field->exact_count) df_octree_corners(field, family, child, corners);
+    else df_octree_child_corners(field, family, child, cell, corners);
+}
+
 /* df_scene_leaf_stencil (scene.h). */
 static inline void df_leaf_stencil(const df_field *field, const uint32_t corner[3], uint32_t block, uint32_t size_log2,
                                    int reach, float *stencil, size_t step) {
     const int64_t size = (int64_t)1 << size_log2;
-    const uint32_t child = block & 7;
-    float corners[8];
-    df_octree_corners(field, block >> 3, child, corners);
+    const uint32_t family = block >> 3, child = block & 7;
+    float cell[8], corners[8];
+    if (family >= field->exact_count) df_octree_cell_corners(field, family, cell);
+    df_leaf_corners(field, family, child, cell, corners);
     for (int c = 0; c < 8; c++) stencil[(size_t)DF_STENCIL(c & 1, c >> 1 & 1, c >> 2) * step] = corners[c];
     for (int face = 0; reach >= DF_REACH_FACES && face < 6; face++) {
         const int axis = face >> 1, after = face & 1, u = (axis + 1) % 3, v = (axis + 2) % 3;
         float value[4];
         bool stored = true;
         if ((child >> axis & 1) != (uint32_t)after) { /* the neighbour is of the same family */
-            df_octree_corners(field, block >> 3, child ^ 1u << axis, corners);
+            df_leaf_corners(field, family, child ^ 1u << axis, cell, corners);
             for (int i = 0; i < 4; i++) value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
         } else {
             stored = df_leaf_face(field, corner, size_log2, axis, after, value);
