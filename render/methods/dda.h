@@ -89,19 +89,26 @@ static inline void dda_cell(const dda_walk *w, float lower[3]) {
     for (int a = 0; a < 3; a++) lower[a] = w->plane_step[a] > 0 ? w->plane[a] - w->plane_step[a] : w->plane[a];
 }
 
-/* The axis along which the ray leaves the cell: the lowest where it leaves through an edge. */
-static inline int dda_axis(const dda_walk *w) {
-    int axis = w->leave[1] < w->leave[0];
-    return w->leave[2] < w->leave[axis] ? 2 : axis;
+/* Where the ray leaves the cell: along the lowest axis where it leaves through an edge. */
+static inline dda_event dda_exit(const dda_walk *w) {
+    const bool y = w->leave[1] < w->leave[0];
+    const dda_event xy = {y ? w->leave[1] : w->leave[0], y};
+    return w->leave[2] < xy.t ? (dda_event){w->leave[2], 2} : xy;
 }
 
-/* Goes on to the next cell; false where that is outside the box. */
+/* Goes on to the next cell; false where that is outside the box. All three axes take the step, two of them by nothing:
+ * no index depends on the ray, so the walk stays in registers. */
 static inline bool dda_step(dda_walk *w, const dda_ray *ray, int axis) {
-    if (--w->left[axis] == 0) return false;
-    w->index += w->stride[axis];
-    w->plane[axis] += w->plane_step[axis]; /* whole numbers below 2^24: exact */
-    w->leave[axis] = dda_plane_t(ray, axis, w->plane[axis]);
-    return true;
+    int32_t ended = 0;
+    for (int a = 0; a < 3; a++) {
+        const bool crossed = a == axis;
+        w->left[a] -= crossed;
+        ended |= w->left[a] == 0;
+        w->index += crossed ? w->stride[a] : 0;
+        w->plane[a] += crossed ? w->plane_step[a] : 0; /* whole numbers below 2^24: exact */
+        w->leave[a] = dda_plane_t(ray, a, w->plane[a]);
+    }
+    return !ended;
 }
 
 /* The event at which the walk begins: where the ray enters [0, box], its start inside, or its first t; false where it
@@ -157,7 +164,7 @@ static inline bool dda_block(const df_scene *scene, bool isolate, const dda_ray 
             dda_cell(&w, voxel);
             if (dda_accept(scene, isolate, ray, voxel, block, candidate, counters)) return true;
         }
-    } while (dda_step(&w, ray, dda_axis(&w)));
+    } while (dda_step(&w, ray, dda_exit(&w).axis));
     return false;
 }
 
@@ -184,8 +191,7 @@ static inline bool dda_two_level(const df_scene *scene, bool isolate, const dda_
             dda_cell(&w, lower);
             if (dda_block(scene, isolate, ray, lower, block, at, candidate, counters)) return true;
         }
-        at.axis = dda_axis(&w);
-        at.t = w.leave[at.axis];
+        at = dda_exit(&w);
     } while (at.t <= ray->last && dda_step(&w, ray, at.axis));
     return false;
 }
@@ -197,7 +203,6 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
     dda_box box = {.size = 1, .inverse_size = 1, .stride = {1, row, row * count[1]}};
     dda_event at;
     dda_walk w;
-    int axis;
     for (int a = 0; a < 3; a++) box.high[a] = (int32_t)count[a];
     if (!dda_enter_box(ray, count, &at)) return false;
     dda_begin(&w, &box, ray, at);
@@ -208,8 +213,8 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
             dda_cell(&w, voxel);
             if (dda_accept(scene, isolate, ray, voxel, 0, candidate, counters)) return true;
         }
-        axis = dda_axis(&w);
-    } while (w.leave[axis] <= ray->last && dda_step(&w, ray, axis));
+        at = dda_exit(&w);
+    } while (at.t <= ray->last && dda_step(&w, ray, at.axis));
     return false;
 }
 
