@@ -50,13 +50,13 @@ def methods_of(table, field, size):
     """For each method: solve, steps, ns/ray, p99 depth error in voxels over the camera's rays, errors in ppm over all families."""
     points = []
     for row in table.select(kind="solve", field=field, size=size, family="camera", truth="field"):
-        key = {"field": field, "size": size, "intersect": row["intersect"], "steps": row["steps"]}
+        key = {"field": field, "size": size, "intersect": row["intersect"], "steps": row["steps"], "precision": row["precision"]}
         times = table.select(kind="solve-time", **key)
         if not times:
             continue
         families = table.select(kind="solve", truth="field", **key)
         worst = max(errors_ppm(r) for r in families)
-        points.append({"solve": row["intersect"], "steps": int(row["steps"]), "ns": number(times[0]["ns_per_ray"]),
+        points.append({"solve": row["intersect"], "precision": row["precision"], "steps": int(row["steps"]), "ns": number(times[0]["ns_per_ray"]),
                        "p99": max(number(row["depth_p99"]), LEAST), "max": number(row["depth_max"]), "ppm": errors_ppm(row), "worst": worst})
     return points
 
@@ -104,15 +104,16 @@ def draw_pareto(table, folder):
         body += f"set title '{field} {size}' noenhanced\nset xtics ({tics})\nset xrange [{low * 0.95}:{high * 1.05}]\nset yrange [{LEAST / 3}:200]\n"
         body += "set key bottom left samplen 1 font ',8'\n" if n == 0 else "unset key\n"
         plots = []
-        for solve in SOLVES:
-            curve = sorted((p for p in points if p["solve"] == solve), key=lambda p: p["steps"])
+        for solve, precision in [(s, p) for s in SOLVES for p in ("f64", "f32")]:
+            curve = sorted((p for p in points if p["solve"] == solve and p["precision"] == precision), key=lambda p: p["steps"])
             if not curve:
                 continue
-            name = f"d{n}_{solve}"
+            name = f"d{n}_{solve}_{precision}"
+            single = precision == "f32"
             body += data_block(name, [(p["ns"], p["p99"], min(3, 0.7 + 0.4 * math.log10(1 + p["worst"]))) for p in curve])
             hollow = max(p["worst"] for p in curve) > HOLLOW_PPM
-            plots.append(f"${name} using 1:2 with lines lc rgb '{COLOURS[solve]}' notitle")
-            plots.append(f"${name} using 1:2:3 with points pt {6 if hollow else 7} ps variable lc rgb '{COLOURS[solve]}' title '{solve}'")
+            plots.append(f"${name} using 1:2 with lines dt {3 if single else 1} lc rgb '{COLOURS[solve]}' notitle")
+            plots.append(f"${name} using 1:2:3 with points pt {(8 if hollow else 9) if single else (6 if hollow else 7)} ps variable lc rgb '{COLOURS[solve]}' title '{solve} {precision}'")
         front = sorted(pareto(points), key=lambda p: p["ns"])
         body += data_block(f"front{n}", [(p["ns"], p["p99"]) for p in front] or [("nan", "nan")])
         plots.append(f"$front{n} with steps lw 2 dt 2 lc rgb 'black' title 'Pareto front'")
@@ -189,17 +190,17 @@ def summary_table(table):
     everything = {}
     for field, size in table.fields():
         for p in methods_of(table, field, size):
-            key = (p["solve"], p["steps"])
+            key = (p["solve"], p["steps"], p["precision"])
             everything.setdefault(key, []).append((field, size, p))
-            if key == ("robust", 16):
+            if key == ("robust", 16, "f64"):
                 default[field, size] = p["ns"]
-    for (solve, steps), found in everything.items():
+    for (solve, steps, precision), found in everything.items():
         ratios = sorted(p["ns"] / default[f, s] for f, s, p in found if (f, s) in default)
         worst = max(found, key=lambda x: x[2]["p99"])
         wrong = max(found, key=lambda x: x[2]["worst"])
-        rows.append([solve, steps or "", short(ratios[len(ratios) // 2]) if ratios else "", short(worst[2]["p99"]), worst[0],
+        rows.append([solve, steps or "", precision, short(ratios[len(ratios) // 2]) if ratios else "", short(worst[2]["p99"]), worst[0],
                      short(wrong[2]["worst"]), wrong[0] if wrong[2]["worst"] else ""])
-    return html_table(["solve", "steps", "time / default (median of fields)", "worst p99 error, voxels", "in", "worst errors, ppm of rays", "in"], rows)
+    return html_table(["solve", "steps", "precision", "time / default (median of fields)", "worst p99 error, voxels", "in", "worst errors, ppm of rays", "in"], rows)
 
 
 def recommendation_table(table):
@@ -211,7 +212,7 @@ def recommendation_table(table):
         fit = [p for p in points if p["worst"] == 0 and p["p99"] <= bound]
         best = min(fit, key=lambda p: p["ns"]) if fit else None
         rows.append([f"{field} {size}", short(floor) if floor else "not known", short(pixel), short(bound),
-                     f"{best['solve']} {best['steps'] or ''}" if best else "none", short(best["ns"]) if best else ""])
+                     f"{best['solve']} {best['steps'] or ''} {best['precision']}" if best else "none", short(best["ns"]) if best else ""])
     return html_table(["field", "field error, voxels", "half a pixel, voxels", "a tenth of the higher", "cheapest without errors", "ns/ray"], rows)
 
 
@@ -221,7 +222,7 @@ def auto_table(table):
     for row in table.select(kind="auto-time"):
         same = {"field": row["field"], "size": row["size"], "family": row["family"], "kind": "front-time"}
         front = [r for r in table.select(**same) if int(r["steps"]) >= int(row["steps"]) and r["gradient"] in (row["gradient"], "corner-central")]
-        default = table.select(**same, steps="16", gradient="corner-central")
+        default = table.select(**same, steps="16", precision="f64", gradient="corner-central")
         if not front or not default:
             continue
         least, ns = min(number(r["ns_per_ray"]) for r in front), number(row["ns_per_ray"])
@@ -231,13 +232,13 @@ def auto_table(table):
 
 
 def mesh_table(table):
-    rows = [[r["field"], r["family"], f'{r["intersect"]} {r["steps"]}', r["depth_p50"], r["depth_p99"], r["false_positive"], r["false_negative"], r["leaks"], r["rays"]]
+    rows = [[r["field"], r["family"], f'{r["intersect"]} {r["steps"]} {r["precision"]}', r["depth_p50"], r["depth_p99"], r["false_positive"], r["false_negative"], r["leaks"], r["rays"]]
             for r in table.select(kind="solve", truth="mesh")]
     return html_table(["field", "rays", "solve", "median, voxels", "p99", "false hits", "false misses", "leaks", "of"], rows) if rows else "<p>No mesh was measured.</p>"
 
 
 def all_rows(table):
-    chosen = ["kind", "field", "size", "structure", "samples", "tracer", "intersect", "steps", "gradient", "truth", "family", "rays", "tangent", "true_positive",
+    chosen = ["kind", "field", "size", "structure", "samples", "tracer", "intersect", "steps", "precision", "gradient", "truth", "family", "rays", "tangent", "true_positive",
               "false_positive", "false_negative", "true_negative", "leaks", "wrong_face", "depth_p50", "depth_p99", "depth_max", "normal_p99", "ns_per_ray", "bytes"]
     return html_table(chosen, [[r[c] for c in chosen] for r in table.rows])
 
