@@ -177,7 +177,7 @@ static bool gyroid_pull(double q[3]) {
         if (!(square > 1e-6)) return false;
         for (int a = 0; a < 3; a++) q[a] -= g * n[a] / square;
     }
-    return true;
+    return fabs(gyroid(q, n, h)) < 1e-12; /* some pulls end elsewhere */
 }
 
 static double distance_between(const double p[3], const double q[3]) {
