@@ -17,6 +17,7 @@
  */
 #include "common/field_file.h"
 #include "common/image.h"
+#include "common/interrupt.h"
 #include "common/memory.h"
 #include "common/options.h"
 #include "common/version.h"
@@ -788,6 +789,7 @@ int main(int argc, char **argv) {
                     {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, command_depth}};
     const int command_count = sizeof commands / sizeof commands[0];
     df_error err = {0};
+    df_interrupt_install("df-lab");
     for (int i = 0; i < command_count; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
         if (argc - 2 < commands[i].least) break;
