@@ -83,7 +83,7 @@ static void nothing_escapes_from_a_closed_octree(void **unused) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if (!takes_rays(*tracer, &f.scene)) continue;
         for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
-            uint64_t rays, escapes, first;
+            lab_escapes escapes;
             df_error err;
             const lab_run run = {.tracer = *tracer,
                                  .scene = &f.scene,
@@ -91,10 +91,10 @@ static void nothing_escapes_from_a_closed_octree(void **unused) {
                                  .family = LAB_INSIDE,
                                  .seed = LAB_SEED + 3,
                                  .count = 40 * ray_count};
-            if (lab_count_escapes(&run, &rays, &escapes, &first, &err)) fail_msg("%s", err.text);
-            if (escapes)
-                fail_msg("%s, %s: ray %d escapes, and %d more", (*tracer)->name, df_solve_names[solve], (int)first,
-                         (int)escapes - 1);
+            if (lab_count_escapes(&run, &escapes, &err)) fail_msg("%s", err.text);
+            if (escapes.count)
+                fail_msg("%s, %s: %d rays escape, the first without a hit is %d", (*tracer)->name,
+                         df_solve_names[solve], (int)escapes.count, (int)escapes.kept[0].ray);
         }
     }
     close_octree(&f);

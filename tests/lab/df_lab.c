@@ -5,7 +5,8 @@
  *       measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or FIELD.dfield:MESH.obj with the
  *       mesh that it was made from
  *   df-lab escape [RAYS]
- *       rays from inside closed fields, with every tracer: none may escape
+ *       rays from inside closed fields, with every tracer: none may escape; those without a hit are printed, tangents
+ *       apart
  *   df-lab filters [FIELD.dfield:MESH.obj...]
  *       depth and normal errors by reconstruction filter
  *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER]
@@ -17,7 +18,6 @@
  */
 #include "common/field_file.h"
 #include "common/image.h"
-#include "common/interrupt.h"
 #include "common/memory.h"
 #include "common/options.h"
 #include "common/version.h"
@@ -623,16 +623,31 @@ static df_status command_measure(int argc, char **argv, df_error *err) {
     return status;
 }
 
+static void print_escapes(const char *field, const df_tracer *tracer, const lab_escapes *escapes) {
+    printf("%s, %s: %" PRIu64 " of %" PRIu64 " rays escape, %" PRIu64 " tangent ones end without a hit\n", field,
+           tracer->name, escapes->count, escapes->rays, escapes->tangent);
+    for (uint32_t i = 0; i < escapes->kept_count; i++) {
+        const lab_escape *e = &escapes->kept[i];
+        printf("  ray %" PRIu64 ", %s, from %.9g %.9g %.9g along %.9g %.9g %.9g: the truth ", e->ray,
+               e->tangent ? "tangent" : "ESCAPED", e->origin[0], e->origin[1], e->origin[2], e->direction[0],
+               e->direction[1], e->direction[2]);
+        if (e->true_hit < 0) printf("does not hit\n");
+        else printf("hits at t = %.9g\n", e->true_hit);
+    }
+    fflush(stdout);
+}
+
 static df_status command_escape(int argc, char **argv, df_error *err) {
     const uint64_t rays = argc > 0 ? strtoull(argv[0], NULL, 10) : 100000000;
     const char *const shapes[] = {"box", "gyroid", "noise", "pairs", "shell"};
     df_status status = DF_OK;
     uint64_t escaped = 0;
+    if (rays < 5) return df_fail(err, DF_ERROR_USAGE, "%s: rays are a number of at least 5", argv[0]);
     for (int i = 0; i < 5 && status == DF_OK; i++) {
         subject s;
         status = subject_open(&s, shapes[i], 64, err);
         for (const df_tracer *const *tracer = df_tracers; *tracer && status == DF_OK; tracer++) {
-            uint64_t traced, escapes, first;
+            lab_escapes escapes;
             const lab_run run = {.tracer = *tracer,
                                  .scene = &s.scene,
                                  .solve = DF_SOLVE_ROBUST,
@@ -640,11 +655,10 @@ static df_status command_escape(int argc, char **argv, df_error *err) {
                                  .seed = LAB_SEED,
                                  .count = rays / 5};
             if ((*tracer)->suits && !(*tracer)->suits(&s.scene, NULL)) continue;
-            status = lab_count_escapes(&run, &traced, &escapes, &first, err);
+            status = lab_count_escapes(&run, &escapes, err);
             if (status != DF_OK) break;
-            printf("%s, %s: %" PRIu64 " of %" PRIu64 " rays escape", s.name, (*tracer)->name, escapes, traced);
-            printf(escapes ? ", the first is ray %" PRIu64 "\n" : "\n", first);
-            escaped += escapes;
+            print_escapes(s.name, *tracer, &escapes);
+            escaped += escapes.count;
         }
         subject_close(&s);
     }
@@ -789,7 +803,6 @@ int main(int argc, char **argv) {
                     {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, command_depth}};
     const int command_count = sizeof commands / sizeof commands[0];
     df_error err = {0};
-    df_interrupt_install("df-lab");
     for (int i = 0; i < command_count; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
         if (argc - 2 < commands[i].least) break;

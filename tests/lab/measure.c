@@ -210,39 +210,57 @@ df_status lab_measure(const lab_run *run, lab_score *score, df_error *err) {
     return status;
 }
 
-typedef struct escapes {
-    uint64_t rays, count, first;
-} escapes;
+static void keep_escape(lab_escapes *escapes, lab_escape escape) {
+    uint32_t at = escapes->kept_count < LAB_FAILURES_KEPT ? escapes->kept_count++ : LAB_FAILURES_KEPT;
+    if (at == LAB_FAILURES_KEPT) {
+        for (uint32_t i = 0, largest = 0; i < LAB_FAILURES_KEPT; i++) {
+            if (escapes->kept[i].ray >= escapes->kept[largest].ray) largest = at = i;
+        }
+        if (escapes->kept[at].ray <= escape.ray) return;
+    }
+    escapes->kept[at] = escape;
+}
 
 static void count_chunk(const lab_run *run, const chunk *c, void *result) {
-    (void)run;
-    escapes *sum = result;
+    lab_escapes *sum = result;
     sum->rays += c->rays.count;
     for (uint32_t i = 0; i < c->rays.count; i++) {
         if (c->hit_of[i] != UINT32_MAX) continue;
-        sum->count++;
-        if (c->number[i] < sum->first) sum->first = c->number[i];
+        lab_escape escape = {.ray = c->number[i]};
+        df_truth truth;
+        for (int a = 0; a < 3; a++) {
+            escape.origin[a] = (double)c->rays.origin[a][i];
+            escape.direction[a] = (double)c->rays.direction[a][i];
+        }
+        df_truth_trace(run->scene->field, run->scene->iso, escape.origin, escape.direction, &truth);
+        escape.tangent = truth.tangent;
+        escape.true_hit = truth.hit ? (double)truth.t : -1;
+        if (truth.tangent) sum->tangent++;
+        else sum->count++;
+        keep_escape(sum, escape);
     }
 }
 
-df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escaped, uint64_t *first_escape,
-                            df_error *err) {
+static int compare_escapes(const void *a, const void *b) {
+    const uint64_t x = ((const lab_escape *)a)->ray, y = ((const lab_escape *)b)->ray;
+    return (x > y) - (x < y);
+}
+
+df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *err) {
     const int threads = omp_get_max_threads();
-    escapes *sums = calloc((size_t)threads, sizeof *sums);
+    lab_escapes *sums = calloc((size_t)threads, sizeof *sums);
     void **results = calloc((size_t)threads, sizeof *results);
     df_status status = sums && results ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for counts");
-    for (int i = 0; i < threads && status == DF_OK; i++) {
-        sums[i].first = UINT64_MAX;
-        results[i] = &sums[i];
-    }
+    for (int i = 0; i < threads && status == DF_OK; i++) results[i] = &sums[i];
     if (status == DF_OK) status = for_each_chunk(run, count_chunk, results, err);
-    *rays = *escaped = 0;
-    *first_escape = UINT64_MAX;
+    memset(escapes, 0, sizeof *escapes);
     for (int i = 0; i < threads && status == DF_OK; i++) {
-        *rays += sums[i].rays;
-        *escaped += sums[i].count;
-        if (sums[i].first < *first_escape) *first_escape = sums[i].first;
+        escapes->rays += sums[i].rays;
+        escapes->count += sums[i].count;
+        escapes->tangent += sums[i].tangent;
+        for (uint32_t n = 0; n < sums[i].kept_count; n++) keep_escape(escapes, sums[i].kept[n]);
     }
+    qsort(escapes->kept, escapes->kept_count, sizeof *escapes->kept, compare_escapes);
     free(sums);
     free(results);
     return status;

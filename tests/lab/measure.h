@@ -59,10 +59,25 @@ typedef struct lab_run {
 /* Adds to *score, which starts zeroed. */
 df_status lab_measure(const lab_run *run, lab_score *score, df_error *err);
 
-/* Rays of a family that do not hit, for families where each must: INSIDE of a closed field. No truth is asked, so this
- * is fast. */
-df_status lab_count_escapes(const lab_run *run, uint64_t *rays, uint64_t *escapes, uint64_t *first_escape,
-                            df_error *err);
+/* A ray that did not hit, as the tracer had it. */
+typedef struct lab_escape {
+    uint64_t ray;
+    bool tangent;    /* the truth does not judge it: it starts or turns around on the surface, or runs along it */
+    double true_hit; /* t of the truth's first crossing; negative: none */
+    double origin[3], direction[3];
+} lab_escape;
+
+typedef struct lab_escapes {
+    uint64_t rays;       /* that were traced */
+    uint64_t count;      /* of them, escaped: leaks */
+    uint64_t tangent;    /* of them, without a hit but tangent: no leaks, and not in count */
+    uint32_t kept_count; /* of both, those of the smallest ray numbers, in order */
+    lab_escape kept[LAB_FAILURES_KEPT];
+} lab_escapes;
+
+/* Rays of a family that do not hit, for families where each must: INSIDE of a closed field. The truth is asked about
+ * these only, so this is fast. */
+df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *err);
 
 void lab_score_merge(lab_score *into, const lab_score *from);
 /* False positives, false negatives, leaks and wrong faces. */
