@@ -13,8 +13,9 @@
 #define EXPONENT_MAX 100
 
 /* Values of bricks end here, in voxels: no sample of the 4x4x4 around a surface voxel, which gradients and cubic
- * filters look at, is further from the surface than 2 sqrt(3). */
-#define BRICK_REACH 5
+ * filters look at, is further from the surface than 2 sqrt(3). With u16 no step is longer than 2 * 4 / 32767 voxels
+ * then, and no sample moves by more than that: 2.45e-4. */
+#define BRICK_REACH 4
 
 typedef struct quantiser {
     const df_field *from;

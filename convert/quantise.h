@@ -4,7 +4,7 @@
  * A sample decodes as q * 2^exponent (less the middle of q's range), with one exponent for a dense field and one for
  * each brick: the smallest that holds its values. A sample that several bricks hold is rounded to the coarsest of their
  * steps, so that all decode to the same value and the surface has no tears. Signs are kept: zero stays zero, a value
- * below zero never becomes zero. Values of bricks end at 5 voxels from the surface, so that those far away do not set
+ * below zero never becomes zero. Values of bricks end at 4 voxels from the surface, so that those far away do not set
  * the step.
  *
  * An ADF stores what samples differ from the means of their cell's corners (octree.h), with one exponent a family; the
