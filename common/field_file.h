@@ -13,8 +13,9 @@
 
 typedef enum df_read_mode {
     DF_READ_COPY, /* the file is read into memory */
-    DF_READ_MAP,  /* samples are used in place; index arrays are copied and validated. When the file changes underneath,
-                     the process ends with one line and exit code 1 (a SIGBUS handler is installed) */
+    DF_READ_MAP,  /* samples are used in place, but for packed ones; index arrays are copied and validated. When the
+                     file changes underneath, the process ends with one line and exit code 1 (a SIGBUS handler is
+                     installed) */
 } df_read_mode;
 
 /* Reads and verifies a field. On failure *field is empty. */
@@ -33,6 +34,7 @@ typedef struct df_section_info {
 #define DF_SECTION_COUNT_MAX 64
 
 /* Lists the sections of a file whose header and table are sound. Returns the number in *count. */
-df_status df_field_sections(const char *path, df_section_info sections[DF_SECTION_COUNT_MAX], uint32_t *count, df_error *err);
+df_status df_field_sections(const char *path, df_section_info sections[DF_SECTION_COUNT_MAX], uint32_t *count,
+                            df_error *err);
 
 #endif

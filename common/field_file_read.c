@@ -1,9 +1,11 @@
+#include "common/brick_pack.h"
 #include "common/digest.h"
 #include "common/field_file.h"
 #include "common/field_layout.h"
 #include "common/interrupt.h"
 #include "common/memory.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -146,9 +148,9 @@ static const df_file_section *find_section(const source *file, uint32_t tag) {
 }
 
 static df_status check_sections_known(const source *file, df_error *err) {
-    static const uint32_t known[] = {DF_SECTION_CELLS,      DF_SECTION_RANGES,   DF_SECTION_MASKS,
-                                     DF_SECTION_STEPS,      DF_SECTION_FAMILIES, DF_SECTION_SAMPLES,
-                                     DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
+    static const uint32_t known[] = {DF_SECTION_CELLS,  DF_SECTION_RANGES,     DF_SECTION_MASKS,
+                                     DF_SECTION_STEPS,  DF_SECTION_FAMILIES,   DF_SECTION_SAMPLES,
+                                     DF_SECTION_PACKED, DF_SECTION_PROVENANCE, DF_SECTION_CHECKSUMS};
     for (uint32_t i = 0; i < file->header.section_count; i++) {
         bool found = (file->sections[i].flags & DF_SECTION_OPTIONAL) != 0;
         for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) found = found || file->sections[i].tag == known[k];
@@ -177,6 +179,20 @@ static df_status load_bytes(source *file, df_read_mode mode, df_field *field, df
     df_field_own(field, bytes);
     file->bytes = bytes;
     return DF_OK;
+}
+
+/* Releases what load_bytes took, once nothing of the field lies in it. */
+static void drop_bytes(source *file, df_field *field) {
+    if (field->mapping) {
+        munmap(field->mapping, field->mapping_size);
+        field->mapping = NULL;
+        field->mapping_size = 0;
+    } else {
+        assert(field->blocks[0] == file->bytes);
+        free(field->blocks[0]);
+        field->blocks[0] = field->blocks[--field->block_count];
+    }
+    file->bytes = NULL;
 }
 
 /* Verifies the blocks of the body against CRCS, reading them first where the file is not mapped. */
@@ -373,6 +389,10 @@ static df_status take_families(const source *file, df_field *field, df_error *er
     return DF_OK;
 }
 
+static bool samples_are_packed(const df_field *field) {
+    return field->kind == DF_FIELD_BRICKS && field->sample_type != DF_SAMPLE_F32;
+}
+
 static df_status take_bricks(const source *file, df_field *field, df_error *err) {
     uint32_t k = field->brick_size;
     uint64_t cell_total = 1;
@@ -384,6 +404,11 @@ static df_status take_bricks(const source *file, df_field *field, df_error *err)
     if (status != DF_OK) return status;
     status = take_steps(file, field, field->brick_count, err);
     if (status != DF_OK) return status;
+    if (samples_are_packed(field)) {
+        const df_file_section *packed = find_section(file, DF_SECTION_PACKED);
+        if (!packed) return df_fail(err, DF_ERROR_FORMAT, "%s: section PACK is missing", file->path);
+        return df_bricks_unpack(field, file->bytes + packed->offset, packed->size, file->path, err);
+    }
     return take_section(file, DF_SECTION_SAMPLES, (uint64_t)field->brick_count * df_brick_sample_count(k),
                         df_sample_size(field->sample_type), &field->samples, err);
 }
@@ -434,6 +459,7 @@ static df_status read_body(source *file, df_read_mode mode, df_field *field, df_
     if (status != DF_OK) return status;
     const df_file_section *crcs = &file->sections[file->header.section_count - 1];
     field->checksum = df_crc32c(file->header.header_crc, file->bytes + crcs->offset, crcs->size);
+    if (samples_are_packed(field)) drop_bytes(file, field);
     return DF_OK;
 }
 

@@ -1,3 +1,4 @@
+#include "common/brick_pack.h"
 #include "common/digest.h"
 #include "common/field_file.h"
 #include "common/field_layout.h"
@@ -74,8 +75,14 @@ static void fill_header(const df_field *field, const layout *file, df_file_heade
     header->header_crc = df_crc32c(0, header, sizeof *header - sizeof header->header_crc);
 }
 
-/* divided: of an ADF, by family */
-static void add_field_sections(const df_field *field, const uint8_t *divided, layout *file) {
+/* What files hold in another form than memory. */
+typedef struct stored_form {
+    uint8_t *divided; /* of an ADF, by family: a bit for each child that is divided */
+    uint8_t *packed;  /* samples of u16 and u8 bricks */
+    uint64_t packed_size;
+} stored_form;
+
+static void add_field_sections(const df_field *field, const stored_form *form, layout *file) {
     if (field->kind == DF_FIELD_BRICKS) {
         uint64_t cell_total = (uint64_t)field->cell_count[0] * field->cell_count[1] * field->cell_count[2];
         uint64_t words = (uint64_t)field->brick_count * df_brick_mask_words(field->brick_size);
@@ -85,24 +92,33 @@ static void add_field_sections(const df_field *field, const uint8_t *divided, la
         if (field->brick_exponents) add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->brick_count);
     }
     if (field->kind == DF_FIELD_ADF) {
-        add_section(file, DF_SECTION_FAMILIES, divided, field->family_count);
+        add_section(file, DF_SECTION_FAMILIES, form->divided, field->family_count);
         if (field->brick_exponents) {
             add_section(file, DF_SECTION_STEPS, field->brick_exponents, field->family_count - field->exact_count);
         }
         add_section(file, DF_SECTION_SAMPLES, field->samples, df_adf_sample_bytes(field));
+    } else if (form->packed) {
+        add_section(file, DF_SECTION_PACKED, form->packed, form->packed_size);
     } else {
         add_section(file, DF_SECTION_SAMPLES, field->samples, field->sample_count * df_sample_size(field->sample_type));
     }
     add_section(file, DF_SECTION_PROVENANCE, field->provenance, strlen(field->provenance));
 }
 
-/* By family: a bit for each child that is divided. */
 static df_status list_divided(const df_field *field, uint8_t **divided, df_error *err) {
     df_status status = df_alloc((void **)divided, field->family_count, 1, "octree", err);
     for (uint32_t f = 0; status == DF_OK && f < field->family_count; f++) {
         for (uint32_t c = 0; c < 8; c++) {
             (*divided)[f] |= (uint8_t)((df_family_state(&field->families[f], c) == DF_CHILD_FAMILY) << c);
         }
+    }
+    return status;
+}
+
+static df_status find_stored_form(const df_field *field, const char *path, stored_form *form, df_error *err) {
+    df_status status = list_divided(field, &form->divided, err);
+    if (status == DF_OK && field->kind == DF_FIELD_BRICKS && field->sample_type != DF_SAMPLE_F32) {
+        status = df_bricks_pack(field, &form->packed, &form->packed_size, path, err);
     }
     return status;
 }
@@ -119,17 +135,17 @@ static df_status write_padded(df_output *output, uint64_t *at, uint64_t offset, 
 
 df_status df_field_write(df_field *field, const char *path, df_error *err) {
     assert(field->provenance && field->samples);
-    uint8_t *divided = NULL;
+    stored_form form = {0};
     uint32_t *crcs = NULL;
-    df_status status = list_divided(field, &divided, err);
+    df_status status = find_stored_form(field, path, &form, err);
     if (status != DF_OK) goto done;
     /* Section offsets depend on the size of the table, hence on the number of sections. */
     layout file = {0};
-    add_field_sections(field, divided, &file);
+    add_field_sections(field, &form, &file);
     uint32_t section_count = file.count + 1;
     uint64_t begin = body_begin(section_count);
     file = (layout){.end = begin};
-    add_field_sections(field, divided, &file);
+    add_field_sections(field, &form, &file);
     uint64_t block_count = (df_file_align(file.end) - begin + DF_FILE_CRC_BLOCK - 1) / DF_FILE_CRC_BLOCK;
     status = df_alloc((void **)&crcs, block_count, sizeof *crcs, "checksums", err);
     if (status != DF_OK) goto done;
@@ -154,7 +170,8 @@ df_status df_field_write(df_field *field, const char *path, df_error *err) {
     else df_output_discard(&output);
     if (status == DF_OK) field->checksum = df_crc32c(header.header_crc, crcs, block_count * sizeof *crcs);
 done:
-    free(divided);
+    free(form.divided);
+    free(form.packed);
     free(crcs);
     return status;
 }

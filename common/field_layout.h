@@ -25,6 +25,7 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the .dfield code needs
 #define DF_SECTION_STEPS DF_SECTION_TAG('S', 'T', 'E', 'P')
 #define DF_SECTION_FAMILIES DF_SECTION_TAG('F', 'A', 'M', 'I')
 #define DF_SECTION_SAMPLES DF_SECTION_TAG('S', 'A', 'M', 'P')
+#define DF_SECTION_PACKED DF_SECTION_TAG('P', 'A', 'C', 'K') /* samples of u16 and u8 bricks */
 #define DF_SECTION_PROVENANCE DF_SECTION_TAG('P', 'R', 'O', 'V')
 #define DF_SECTION_CHECKSUMS DF_SECTION_TAG('C', 'R', 'C', 'S')
 

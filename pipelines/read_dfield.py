@@ -53,15 +53,17 @@ def read(path, verify=False):
         return np.frombuffer(data, dtype, size // np.dtype(dtype).itemsize, offset)
 
     dtype, zero = {1: ('<f4', 0), 2: ('<u2', 32768), 3: ('u1', 128)}[head['sample_type']]
-    raw = section('SAMP', dtype)
     counts = (head['r'], head['q'], head['p'])
     head['provenance'] = json.loads(bytes(section('PROV', 'u1')))
     if head['kind'] == 1:
-        samples = raw.reshape([n + 1 for n in counts])
+        samples = section('SAMP', dtype).reshape([n + 1 for n in counts])
     elif head['kind'] == 2:
         k = head['brick_size']
-        samples = raw.reshape(head['block_count'], k + 1, k + 1, k + 1)
         head['cells'] = section('CELL', '<u4').reshape([-(-n // k) for n in counts])
+        if zero:
+            samples = unpack(section('PACK', 'u1'), head['cells'], section('STEP', 'i1').astype(int), k, zero)
+        else:
+            samples = section('SAMP', dtype).reshape(head['block_count'], k + 1, k + 1, k + 1)
     else:
         head['divided'] = section('FAMI', 'u1')
         floats = np.frombuffer(data, '<f4', 8 + 19 * head['exact_count'], sections['SAMP'][0])
@@ -72,6 +74,31 @@ def read(path, verify=False):
     exponents = head['step_exponent'] if head['kind'] == 1 else section('STEP', 'i1').reshape(-1, 1, 1, 1) if zero else 0
     head['samples'] = np.ldexp(samples.astype(np.float32) - np.float32(zero), np.int32(exponents)) if zero else samples
     return head
+
+
+def unpack(packed, cells, exponents, k, zero):
+    """The samples of bricks: some lie in earlier bricks, the others are rows of differences to what their neighbours foretell."""
+    bits, at = np.unpackbits(packed, bitorder='little'), 0
+    out = np.zeros((len(exponents), k + 1, k + 1, k + 1), np.int64)
+    for cell in np.argwhere(cells < INSIDE):
+        brick, known, box = cells[tuple(cell)], np.zeros((k + 1,) * 3, bool), np.zeros((k + 2,) * 3, np.int64)
+        values = box[1:, 1:, 1:]  # the box has a border of zeros before them
+        for direction in list(np.ndindex(3, 3, 3))[:13]:
+            other = cell + direction - 1
+            if (other < 0).any() or (other >= cells.shape).any() or cells[tuple(other)] >= INSIDE:
+                continue
+            other, faces = cells[tuple(other)], [slice(1), slice(None), slice(k, None)]
+            ours, theirs = tuple(faces[d] for d in direction), tuple(faces[2 - d] for d in direction)
+            values[ours], known[ours] = out[other][theirs] * 2.0 ** (exponents[other] - exponents[brick]), True
+        for z, y in np.argwhere(~known.all(2)):
+            width, at, row = bits[at:at + 4] @ (1, 2, 4, 8), at + 4, np.flatnonzero(~known[z, y])
+            width += width == 15
+            stored, at = bits[at:at + width * row.size].reshape(row.size, width) @ (1 << np.arange(width)), at + width * row.size
+            stored -= stored >> max(width, 1) - 1 << width  # two's complement
+            base, line, x = box[z + 1, y] + box[z, y + 1] - box[z, y], box[z + 1, y + 1], row[0]
+            line[row + 1] = (base[row + 1] + line[x] - base[x] + np.cumsum(stored) + zero) % (2 * zero) - zero
+        at, out[brick] = (at + 7) // 8 * 8, values
+    return out + zero
 
 
 def octree_samples(root, values, residuals, divided):

@@ -187,3 +187,34 @@ df_status test_field_sphere(df_field *field, df_field_kind kind, uint32_t brick_
     sphere s = {{voxel_count[0] / 2.0, voxel_count[1] / 2.0, voxel_count[2] / 2.0}, radius};
     return test_field_from_function(field, kind, brick_size, voxel_count, sphere_distance, &s, err);
 }
+
+df_status test_field_quantise(df_field *field, df_sample_type type, df_error *err) {
+    enum { EXPONENT = -3 };
+    const bool adf = field->kind == DF_FIELD_ADF;
+    const uint64_t floats = adf ? 8 + DF_FAMILY_STORED_COUNT : 0;
+    const uint32_t blocks = adf ? field->family_count - 1 : field->brick_count;
+    const float *values = field->samples;
+    uint8_t *samples, *exponents;
+    df_status status = df_alloc((void **)&samples, field->sample_count, sizeof(float), "samples", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, samples);
+    status = df_alloc((void **)&exponents, blocks + 1, 1, "exponents", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, exponents);
+    memcpy(samples, values, floats * sizeof(float));
+    uint8_t *quantised = samples + floats * sizeof(float);
+    for (uint64_t i = floats; i < field->sample_count; i++) {
+        double q = (double)values[i] / 0.125;
+        int whole = (int)(q < 0 ? q - 1 : q), limit = type == DF_SAMPLE_U16 ? 32767 : 127;
+        whole = whole < -limit ? -limit : whole > limit ? limit : whole;
+        if (type == DF_SAMPLE_U16) ((uint16_t *)quantised)[i - floats] = (uint16_t)(whole + 32768);
+        else quantised[i - floats] = (uint8_t)(whole + 128);
+    }
+    memset(exponents, EXPONENT & 0xFF, blocks);
+    field->samples = samples;
+    field->sample_type = type;
+    if (adf) field->exact_count = 1;
+    if (field->kind == DF_FIELD_DENSE) field->step_exponent = EXPONENT;
+    else field->brick_exponents = (const int8_t *)exponents;
+    return df_field_finish(field, "test field", err);
+}

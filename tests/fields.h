@@ -19,4 +19,8 @@ df_status test_field_from_function(df_field *field, df_field_kind kind, uint32_t
 df_status test_field_sphere(df_field *field, df_field_kind kind, uint32_t brick_size, const uint32_t voxel_count[3],
                             double radius, df_error *err);
 
+/* The samples of an f32 field, or all but those of an ADF's first family, as u16 or u8 with a step of 1/8, and the
+ * field finished again. A value below zero stays there. */
+df_status test_field_quantise(df_field *field, df_sample_type type, df_error *err);
+
 #endif

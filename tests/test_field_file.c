@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 enum { SIZE_X = 8, SIZE_Y = 6, SIZE_Z = 9 };
+enum { KIND_PACKED = DF_FIELD_ADF + 1 }; /* bricks whose samples are packed in the file */
 
 static char folder[] = "/tmp/df_test_field_file_XXXXXX";
 static char path_a[64], path_b[64];
@@ -36,13 +37,27 @@ static void write_whole(const char *path, const void *bytes, size_t size) {
     fclose(file);
 }
 
-static void make(df_field *field, df_field_kind kind) {
+static void make(df_field *field, int kind) {
     df_error err = {0};
     const uint32_t voxels[3] = {SIZE_X, SIZE_Y, SIZE_Z};
-    assert_int_equal(test_field_sphere(field, kind, 4, voxels, 2.2, &err), DF_OK);
+    const bool packed = kind == KIND_PACKED;
+    assert_int_equal(test_field_sphere(field, packed ? DF_FIELD_BRICKS : (df_field_kind)kind, 4, voxels, 2.2, &err),
+                     DF_OK);
+    if (packed) assert_int_equal(test_field_quantise(field, DF_SAMPLE_U16, &err), DF_OK);
 }
 
-static void round_trip(df_field_kind kind, df_read_mode mode) {
+static bool has_section(const char *path, const char *name) {
+    df_section_info sections[DF_SECTION_COUNT_MAX];
+    df_error err = {0};
+    uint32_t count;
+    assert_int_equal(df_field_sections(path, sections, &count, &err), DF_OK);
+    for (uint32_t i = 0; i < count; i++) {
+        if (strcmp(sections[i].name, name) == 0) return true;
+    }
+    return false;
+}
+
+static void round_trip(int kind, df_read_mode mode) {
     df_field field, back;
     df_error err = {0};
     make(&field, kind);
@@ -72,6 +87,44 @@ static void bricks_round_trip_is_byte_identical(void **state) {
     round_trip(DF_FIELD_BRICKS, DF_READ_MAP);
 }
 
+static void packed_bricks_round_trip_is_byte_identical(void **state) {
+    (void)state;
+    round_trip(KIND_PACKED, DF_READ_COPY);
+    round_trip(KIND_PACKED, DF_READ_MAP);
+    assert_true(has_section(path_a, "PACK") && !has_section(path_a, "SAMP"));
+}
+
+/* The samples that the file holds once are those of all bricks, as before they were written. */
+static void packed_bricks_come_back_as_they_were(void **state) {
+    (void)state;
+    for (int mode = DF_READ_COPY; mode <= DF_READ_MAP; mode++) {
+        df_field field, back;
+        df_error err = {0};
+        make(&field, KIND_PACKED);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        assert_int_equal(df_field_read(path_a, (df_read_mode)mode, &back, &err), DF_OK);
+        assert_int_equal(back.sample_count, field.sample_count);
+        assert_memory_equal(back.samples, field.samples, field.sample_count * sizeof(uint16_t));
+        df_field_free(&field);
+        df_field_free(&back);
+    }
+}
+
+/* Bricks that hold two values of a sample that they share, and no file is left behind. */
+static void torn_bricks_are_not_written(void **state) {
+    (void)state;
+    df_field field;
+    df_error err = {0};
+    make(&field, KIND_PACKED);
+    unlink(path_a);
+    /* on a face, neither the least nor the largest of its brick */
+    ((uint16_t *)field.samples)[4 + 5 * (2 + 5 * 2)] ^= 1;
+    assert_int_equal(df_field_write(&field, path_a, &err), DF_ERROR_INPUT);
+    assert_non_null(strstr(err.text, path_a));
+    assert_int_equal(access(path_a, F_OK), -1);
+    df_field_free(&field);
+}
+
 static void adf_round_trip_is_byte_identical(void **state) {
     (void)state;
     round_trip(DF_FIELD_ADF, DF_READ_COPY);
@@ -90,11 +143,11 @@ static void refuses(const void *bytes, size_t size, const char *what, size_t at)
 
 static void every_truncation_is_refused(void **state) {
     (void)state;
-    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_ADF; kind++) {
+    for (int kind = DF_FIELD_DENSE; kind <= KIND_PACKED; kind++) {
         df_field field;
         df_error err = {0};
         size_t size;
-        make(&field, (df_field_kind)kind);
+        make(&field, kind);
         assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
         uint8_t *bytes = read_whole(path_a, &size);
         for (size_t length = 0; length < size; length++) refuses(bytes, length, "truncation", length);
@@ -109,11 +162,11 @@ static void every_truncation_is_refused(void **state) {
 
 static void every_bit_flip_is_refused(void **state) {
     (void)state;
-    for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_ADF; kind++) {
+    for (int kind = DF_FIELD_DENSE; kind <= KIND_PACKED; kind++) {
         df_field field;
         df_error err = {0};
         size_t size;
-        make(&field, (df_field_kind)kind);
+        make(&field, kind);
         assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
         uint8_t *bytes = read_whole(path_a, &size);
         int fd = open(path_a, O_RDWR);
@@ -232,6 +285,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(dense_round_trip_is_byte_identical),
         cmocka_unit_test(bricks_round_trip_is_byte_identical),
+        cmocka_unit_test(packed_bricks_round_trip_is_byte_identical),
+        cmocka_unit_test(packed_bricks_come_back_as_they_were),
+        cmocka_unit_test(torn_bricks_are_not_written),
         cmocka_unit_test(adf_round_trip_is_byte_identical),
         cmocka_unit_test(full_octree_has_the_voxels_of_the_dense_field),
         cmocka_unit_test(an_octree_with_a_family_too_many_or_too_few_is_refused),

@@ -2,7 +2,6 @@
  * FOLDER/exchange, FOLDER/trace and FOLDER/options. */
 #include "../fields.h"
 #include "common/field_file.h"
-#include "common/memory.h"
 #include "convert/array_file.h"
 #include "convert/vdb.h"
 
@@ -26,63 +25,36 @@ static void put(const char *corpus, const char *name, int first, const void *dat
     if (fclose(file) != 0) exit(1);
 }
 
-/* The field with its samples, or all but the first of an ADF's families, as u16 or u8 of one step. */
-static void quantise(df_field *field, df_sample_type type) {
-    enum { EXPONENT = -3 };
+static void put_field(df_field *field) {
+    static uint8_t bytes[1 << 20];
+    char path[4096], name[64];
     df_error err = {0};
-    const bool adf = field->kind == DF_FIELD_ADF;
-    const uint64_t floats = adf ? 8 + DF_FAMILY_STORED_COUNT : 0;
-    const uint32_t blocks = adf ? field->family_count - 1 : field->brick_count;
-    const float *values = field->samples;
-    uint8_t *samples, *exponents;
-    if (df_alloc((void **)&samples, field->sample_count, sizeof(float), "samples", &err) != DF_OK) exit(1);
-    if (df_alloc((void **)&exponents, blocks + 1, 1, "exponents", &err) != DF_OK) exit(1);
-    memcpy(samples, values, floats * sizeof(float));
-    uint8_t *quantised = samples + floats * sizeof(float);
-    for (uint64_t i = floats; i < field->sample_count; i++) {
-        double q = (double)values[i] / 0.125;
-        int whole = (int)(q < 0 ? q - 1 : q), limit = type == DF_SAMPLE_U16 ? 32767 : 127;
-        whole = whole < -limit ? -limit : whole > limit ? limit : whole;
-        if (type == DF_SAMPLE_U16) ((uint16_t *)quantised)[i - floats] = (uint16_t)(whole + 32768);
-        else quantised[i - floats] = (uint8_t)(whole + 128);
+    snprintf(path, sizeof path, "%s/seed.dfield", folder);
+    if (df_field_write(field, path, &err) != DF_OK) exit(1);
+    FILE *file = fopen(path, "rb");
+    size_t size = file ? fread(bytes, 1, sizeof bytes, file) : 0;
+    if (!file || fclose(file) != 0) exit(1);
+    for (int mode = 0; mode < 3; mode++) {
+        snprintf(name, sizeof name, "%s-%s-%d", df_field_kind_name(field->kind),
+                 df_sample_type_name(field->sample_type), mode);
+        put("dfield", name, mode, bytes, size);
     }
-    memset(exponents, EXPONENT & 0xFF, blocks);
-    df_field_own(field, samples);
-    df_field_own(field, exponents);
-    field->samples = samples;
-    field->sample_type = type;
-    if (adf) field->exact_count = 1;
-    if (field->kind == DF_FIELD_DENSE) field->step_exponent = EXPONENT;
-    else field->brick_exponents = (const int8_t *)exponents;
+    remove(path);
 }
 
+/* Fields of all kinds and types. */
 static void put_fields(void) {
     const uint32_t voxels[3] = {7, 5, 6};
-    char path[4096], name[64];
-    snprintf(path, sizeof path, "%s/seed.dfield", folder);
     for (int kind = DF_FIELD_DENSE; kind <= DF_FIELD_ADF; kind++) {
         for (int type = DF_SAMPLE_F32; type <= DF_SAMPLE_U8; type++) {
             df_field field;
             df_error err = {0};
             if (test_field_sphere(&field, (df_field_kind)kind, 4, voxels, 1.7, &err) != DF_OK) exit(1);
-            if (type != DF_SAMPLE_F32) {
-                quantise(&field, (df_sample_type)type);
-                if (df_field_finish(&field, "seed", &err) != DF_OK) exit(1);
-            }
-            if (df_field_write(&field, path, &err) != DF_OK) exit(1);
+            if (type != DF_SAMPLE_F32 && test_field_quantise(&field, (df_sample_type)type, &err) != DF_OK) exit(1);
+            put_field(&field);
             df_field_free(&field);
-            static uint8_t bytes[1 << 20];
-            FILE *file = fopen(path, "rb");
-            size_t size = file ? fread(bytes, 1, sizeof bytes, file) : 0;
-            if (!file || fclose(file) != 0) exit(1);
-            for (int mode = 0; mode < 3; mode++) {
-                snprintf(name, sizeof name, "%s-%s-%d", df_field_kind_name((df_field_kind)kind),
-                         df_sample_type_name((df_sample_type)type), mode);
-                put("dfield", name, mode, bytes, size);
-            }
         }
     }
-    remove(path);
 }
 
 /* A file that a library wrote, with a first byte that says which. */
