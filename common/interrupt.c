@@ -36,6 +36,7 @@ void df_interrupt_install(const char *program) {
     struct sigaction action = {.sa_handler = on_interrupt};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    signal(SIGXFSZ, SIG_IGN);
 }
 
 void df_interrupt_set_temporary(const char *path) { atomic_store(&temporary_path, path); }

@@ -229,6 +229,7 @@ df_status df_array_read(const char *path, double voxel_size, df_field *field, df
         field->origin[axis] = a.origin[axis];
     }
     if (status == DF_OK) status = read_samples(file, path, &a, field, err);
+    if (status != DF_OK && ferror(file)) status = df_fail(err, DF_ERROR_IO, "%s: cannot read the file", path);
     if (status == DF_OK) status = df_field_finish(field, path, err);
     fclose(file);
     if (status != DF_OK) df_field_free(field);
