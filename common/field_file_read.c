@@ -121,7 +121,8 @@ static df_status check_table(const source *file, df_error *err) {
 static df_status read_table(source *file, df_error *err) {
     if (file->size < sizeof file->header) {
         char magic[8] = {0};
-        (void)!pread(file->fd, magic, sizeof magic, 0);
+        df_status status = read_at(file, magic, file->size < sizeof magic ? file->size : sizeof magic, 0, err);
+        if (status != DF_OK) return status;
         if (memcmp(magic, DF_FILE_MAGIC, sizeof magic) != 0) {
             return df_fail(err, DF_ERROR_FORMAT, "%s: not a .dfield file", file->path);
         }

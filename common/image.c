@@ -159,6 +159,7 @@ df_status df_image_read_png(const char *path, df_image_png *image, df_error *err
         if (!decode_png(png, info, file, image))
             status = df_fail(err, DF_ERROR_FORMAT, "%s: damaged PNG: %s", path, message);
     }
+    if (status != DF_OK && ferror(file)) status = df_fail(err, DF_ERROR_IO, "%s: cannot read the file", path);
     if (png) png_destroy_read_struct(&png, &info, NULL);
     fclose(file);
     if (status != DF_OK) df_image_png_free(image);

@@ -235,6 +235,7 @@ df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, d
         try {
             grids = read_grids(file);
         } catch (const std::ios_base::failure &) {
+            if (file.bad()) return df_fail(err, DF_ERROR_IO, "%s: cannot read the file", path);
             return df_fail(err, DF_ERROR_FORMAT, "%s: the file is truncated", path);
         } catch (const openvdb::Exception &e) {
             return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged: %s", path, e.what());
