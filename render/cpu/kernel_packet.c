@@ -82,26 +82,34 @@ static void begin(walks *w, const boxes *box, const packet *p, events at, lm act
     w->index = index;
 }
 
-/* Where the lanes leave their cells. */
-static inline events leave(const walks *w) {
+/* Where the lanes leave their cells: t and the masks of the axes, of which every lane has one. */
+typedef struct exits {
+    lf t;
+    lm across[3];
+} exits;
+
+static inline exits leave(const walks *w) {
     const lf t = lf_min(w->leave[1], w->leave[0]);
     const lm y = lf_lt(w->leave[1], w->leave[0]), z = lf_lt(w->leave[2], t);
-    return (events){lf_min(w->leave[2], t), lf_select(z, lf_set(2), lf_masked(y, lf_set(1)))};
+    return (exits){lf_min(w->leave[2], t), {lm_not(lm_or(y, z)), lm_andnot(y, z), z}};
 }
 
-/* Steps the active lanes across the axes of `at`; returns those that are still in their box. The others' indices stay
- * what they are, so that they may be read. */
-static inline lm step(walks *w, const packet *p, events at, lm active) {
-    lm inside = active;
+static inline events event_of(const exits *e) {
+    return (events){e->t, lf_select(e->across[2], lf_set(2), lf_masked(e->across[1], lf_set(1)))};
+}
+
+/* Steps the active lanes out of their cells; returns those that are still in their box. The indices of the others are
+ * not to be read. */
+static inline lm step(walks *w, const packet *p, const exits *e, lm active) {
+    lm ends = lm_first(0);
     for (int a = 0; a < 3; a++) {
-        const lm across = lm_and(active, lf_eq(at.axis, lf_set((float)a)));
-        const lm ends = lm_and(across, lf_eq(w->plane[a], w->last[a])), stays = lm_andnot(across, ends);
-        inside = lm_andnot(inside, ends);
-        w->index = li_add(w->index, li_masked(stays, w->stride[a]));
-        w->plane[a] = w->plane[a] + lf_masked(stays, w->plane_step[a]);
+        const lm across = lm_and(active, e->across[a]);
+        ends = lm_or(ends, lm_and(across, lf_eq(w->plane[a], w->last[a])));
+        w->index = li_add(w->index, li_masked(across, w->stride[a]));
+        w->plane[a] = w->plane[a] + lf_masked(across, w->plane_step[a]);
         w->leave[a] = plane_t(p, a, w->plane[a]);
     }
-    return inside;
+    return lm_andnot(active, ends);
 }
 
 static void cell_of(const walks *w, lf lower[3]) {
@@ -208,9 +216,9 @@ static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *co
     const li first = li_mul(li_select(active, li_load(block), li_set(0)), li_set(words));
     while (lm_any(active)) {
         count(counters, &counters->fine_steps, active);
-        const li word =
-            li_gather((const int32_t *)(const void *)scene->masks, li_add(first, li_shift_right(w.index, 5)));
-        const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
+        const li index = li_masked(active, w.index);
+        const li word = li_gather((const int32_t *)(const void *)scene->masks, li_add(first, li_shift_right(index, 5)));
+        const lm surface = lm_and(active, li_bit(word, li_and(index, li_set(31))));
         if (lm_any(surface)) {
             lf lower[3];
             cell_of(&w, lower);
@@ -218,7 +226,8 @@ static lm walk_blocks(const df_packet_job *job, const packet *p, const walks *co
             hits = lm_or(hits, hit);
             active = lm_and(active, lm_not(hit));
         }
-        active = step(&w, p, leave(&w), active);
+        const exits out_at = leave(&w);
+        active = step(&w, p, &out_at, active);
     }
     return hits;
 }
@@ -242,6 +251,7 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
         extent[a] = coarse_count[a] * scene->k;
     }
     active = lm_and(active, enter(p, extent, &at));
+    if (!lm_any(active)) return hits;
     begin(&w, &box, p, at, active);
     while (lm_any(active)) {
         lm searching = active, holding = lm_first(0);
@@ -250,25 +260,26 @@ static lm trace_two_level(const df_packet_job *job, const packet *p, lm active, 
         while (lm_any(searching)) {
             if (split(job, lm_or(searching, holding), at, alone)) return hits;
             count(counters, &counters->coarse_steps, searching);
-            const li token = li_gather((const int32_t *)(const void *)scene->coarse, w.index);
+            const li token = li_gather((const int32_t *)(const void *)scene->coarse, li_masked(searching, w.index));
             /* blocks are below 2^31 here, so the two marks of empty cells are negative */
             const lm held = lm_and(searching, lm_not(li_lt(token, li_set(0))));
             blocks = li_select(held, token, blocks);
             holding = lm_or(holding, held);
             searching = lm_and(searching, lm_not(held));
-            const events out_at = leave(&w);
-            at.t = lf_select(searching, out_at.t, at.t);
-            at.axis = lf_select(searching, out_at.axis, at.axis);
-            searching = step(&w, p, out_at, lm_and(searching, lf_le(out_at.t, p->last)));
+            const exits out_at = leave(&w);
+            const events left = event_of(&out_at);
+            at.t = lf_select(searching, left.t, at.t);
+            at.axis = lf_select(searching, left.axis, at.axis);
+            searching = step(&w, p, &out_at, lm_and(searching, lf_le(out_at.t, p->last)));
         }
         if (!lm_any(holding)) break;
         li_store(block, blocks);
         const lm hit = walk_blocks(job, p, &w, block, at, holding, out, inside_bits, counters);
         hits = lm_or(hits, hit);
         active = lm_and(holding, lm_not(hit));
-        const events out_at = leave(&w);
-        at = out_at;
-        active = step(&w, p, out_at, lm_and(active, lf_le(out_at.t, p->last)));
+        const exits out_at = leave(&w);
+        at = event_of(&out_at);
+        active = step(&w, p, &out_at, lm_and(active, lf_le(out_at.t, p->last)));
     }
     return hits;
 }
@@ -290,12 +301,14 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
         box.high[a] = lf_set((float)voxels[a]);
     }
     active = lm_and(active, enter(p, voxels, &at));
+    if (!lm_any(active)) return hits;
     begin(&w, &box, p, at, active);
     while (lm_any(active)) {
         if (split(job, active, at, alone)) break;
         count(counters, &counters->fine_steps, active);
-        const li word = li_gather((const int32_t *)(const void *)scene->rows, li_shift_right(w.index, 5));
-        const lm surface = lm_and(active, li_bit(word, li_and(w.index, li_set(31))));
+        const li index = li_masked(active, w.index);
+        const li word = li_gather((const int32_t *)(const void *)scene->rows, li_shift_right(index, 5));
+        const lm surface = lm_and(active, li_bit(word, li_and(index, li_set(31))));
         if (lm_any(surface)) {
             lf lower[3];
             cell_of(&w, lower);
@@ -303,8 +316,9 @@ static lm trace_uniform(const df_packet_job *job, const packet *p, lm active, fo
             hits = lm_or(hits, hit);
             active = lm_and(active, lm_not(hit));
         }
-        at = leave(&w);
-        active = step(&w, p, at, lm_and(active, lf_le(at.t, p->last)));
+        const exits out_at = leave(&w);
+        at.t = out_at.t;
+        active = step(&w, p, &out_at, lm_and(active, lf_le(out_at.t, p->last)));
     }
     return hits;
 }
