@@ -125,9 +125,8 @@ static const struct argp_option option_table[] = {
      "corner-central)",
      0},
     {"quality", KEY_SETTING + 13, "NAME", 0,
-     "full: as the options above say (default); auto: as many steps and such a gradient as can be seen, by the field's "
-     "own error and the "
-     "size of a pixel on it; --verbose tells what and why",
+     "full: as the options above say (default); auto: as many steps and such a precision and gradient as can be seen, "
+     "by the field's own error and the size of a pixel on it; --verbose tells what and why",
      0},
     {"levels", KEY_SETTING + 11, "1|2", 0, "Walk a dense field uniformly or on two levels (default 2)", 0},
     {"coarse", KEY_SETTING + 12, "4|8", 0, "Voxels along a coarse cell of a dense field (default 8)", 0},
@@ -430,9 +429,19 @@ static df_status print_report(const options *opts, session *s, df_error *err) {
 static void choose_quality(options *opts, const session *s) {
     char text[512];
     df_quality quality;
-    df_quality_choose(&s->field, &s->camera, opts->settings.height, &quality);
+    const df_tracer *tracer = opts->settings.tracer;
+    if (tracer && tracer->own_methods) {
+        if (opts->verbose)
+            fprintf(stderr, "df-render: quality auto: %s draws a mesh: there is nothing to choose\n", tracer->name);
+        return;
+    }
+    const df_device_choice *devices = &opts->devices.choice;
+    bool single = !devices->automatic;
+    for (uint32_t i = 0; i < devices->count; i++) single = single && devices->numbers[i] == DF_DEVICE_CPU;
+    df_quality_choose(&s->field, &s->camera, opts->settings.height, single, &quality);
     opts->settings.solve = quality.solve;
     opts->settings.steps = quality.steps;
+    opts->settings.precision = quality.precision;
     opts->settings.gradient = quality.gradient;
     df_quality_explain(&quality, text, sizeof text);
     if (opts->verbose) fprintf(stderr, "df-render: quality auto: %s\n", text);

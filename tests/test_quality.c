@@ -32,7 +32,7 @@ static df_quality choose(const df_field *field, double distance, uint32_t height
     df_quality quality;
     df_camera_orbit(field, 30, 20, distance, &camera);
     camera.fov_y = 1;
-    df_quality_choose(field, &camera, height, &quality);
+    df_quality_choose(field, &camera, height, true, &quality);
     return quality;
 }
 
@@ -57,12 +57,41 @@ static void an_eye_in_the_box_gets_everything_unless_the_field_is_coarse(void **
     df_field_free(&field);
 }
 
-static void draw(const df_scene *scene, const df_view *view, int solve, int steps, int gradient, float *depth) {
+/* Float where its error hides under the floors: from afar, and close by where the field itself is coarse; less of it in
+ * a larger field, whose coordinates round more; none on devices that have no float solve. */
+static void single_precision_is_taken_where_it_cannot_be_seen(void **unused) {
+    (void)unused;
+    df_field field;
+    df_camera camera;
+    df_quality quality;
+    open_field(LAB_SPHERE, 64, &field);
+    assert_int_equal(choose(&field, 0.2, 1024).precision, DF_PRECISION_F64);
+    assert_int_equal(choose(&field, 3, 1024).precision, DF_PRECISION_F32);
+    assert_int_equal(choose(&field, 60, 1024).precision, DF_PRECISION_F32);
+    df_camera_orbit(&field, 30, 20, 60, &camera);
+    camera.fov_y = 1;
+    df_quality_choose(&field, &camera, 1024, false, &quality);
+    assert_int_equal(quality.precision, DF_PRECISION_F64);
+    assert_int_equal(quality.steps, choose(&field, 60, 1024).steps);
+    field.error_rms = 0.05;
+    assert_int_equal(choose(&field, 0.2, 1024).precision, DF_PRECISION_F32);
+    field.voxel_count[0] = 1024; /* only its size is looked at */
+    assert_int_equal(choose(&field, 0.2, 1024).precision, DF_PRECISION_F64);
+    field.voxel_count[0] = 64;
+    df_field_free(&field);
+}
+
+static void draw(const df_scene *scene, const df_view *view, const df_quality *quality, float *depth) {
     df_error err;
     df_renderer *renderer;
     const df_picture picture = {.width = SIZE, .height = SIZE, .depth = depth};
-    df_frame_options options = {
-        .tracer = &df_tracer_dda, .solve = solve, .steps = steps, .gradient = gradient, .tile = 64, .threads = 1};
+    df_frame_options options = {.tracer = &df_tracer_dda,
+                                .solve = quality->solve,
+                                .steps = quality->steps,
+                                .precision = quality->precision,
+                                .gradient = quality->gradient,
+                                .tile = 64,
+                                .threads = 1};
     if (df_kernels_select("auto", &options.kernels, &err)) fail_msg("%s", err.text);
     if (df_renderer_open(scene, &options, SIZE, SIZE, &renderer, &err)) fail_msg("%s", err.text);
     if (df_renderer_frame(renderer, view, &picture, NULL, &err)) fail_msg("%s", err.text);
@@ -73,6 +102,7 @@ static void draw(const df_scene *scene, const df_view *view, int solve, int step
  * made of. */
 static void the_choice_keeps_its_promise(void **unused) {
     (void)unused;
+    const df_quality full = {.solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CORNER_CENTRAL};
     const double distances[] = {0.9, 1.6, 5, 20};
     for (int shape = 0; shape < LAB_SHAPE_COUNT; shape++) {
         df_field field;
@@ -89,10 +119,10 @@ static void the_choice_keeps_its_promise(void **unused) {
             int hits = 0, over = 0;
             df_camera_orbit(&field, 55, 15, distances[i], &camera);
             camera.fov_y = 1;
-            df_quality_choose(&field, &camera, SIZE, &quality);
+            df_quality_choose(&field, &camera, SIZE, true, &quality);
             if (df_view_make(&camera, &field, SIZE, SIZE, &view, &err)) fail_msg("%s", err.text);
-            draw(&scene, &view, DF_SOLVE_ROBUST, 0, DF_GRADIENT_CORNER_CENTRAL, depth[0]);
-            draw(&scene, &view, quality.solve, quality.steps, quality.gradient, depth[1]);
+            draw(&scene, &view, &full, depth[0]);
+            draw(&scene, &view, &quality, depth[1]);
             for (int p = 0; p < SIZE * SIZE; p++) {
                 assert_int_equal(isfinite(depth[0][p]), isfinite(depth[1][p]));
                 if (!isfinite(depth[0][p])) continue;
@@ -114,6 +144,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(three_distances_lead_to_three_choices),
         cmocka_unit_test(an_eye_in_the_box_gets_everything_unless_the_field_is_coarse),
+        cmocka_unit_test(single_precision_is_taken_where_it_cannot_be_seen),
         cmocka_unit_test(the_choice_keeps_its_promise),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -36,7 +36,8 @@ static void check(const df_scene *scene, uint64_t seed) {
         if ((*tracer)->suits && !(*tracer)->suits(scene, NULL)) continue;
         test_hit *out = is_first ? expected : hits;
         is_first = false;
-        if (test_trace(*tracer, scene, DF_SOLVE_ROBUST, 0, origins, directions, RAYS, &rays, out, &err) != DF_OK)
+        if (test_trace(*tracer, scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins, directions, RAYS, &rays, out,
+                       &err) != DF_OK)
             abort();
         for (int i = 0; i < RAYS; i++) {
             if (out[i].hit && !isfinite(out[i].t)) abort();

@@ -370,7 +370,7 @@ static df_status measure_auto(lab_session *session, const subject *s) {
         camera.fov_y = 1;
         const uint32_t size = session->quick ? 384 : 1024;
         df_view view;
-        df_quality_choose(&s->field, &camera, size, &quality);
+        df_quality_choose(&s->field, &camera, size, true, &quality);
         status = df_view_make(&camera, &s->field, size, size, &view, session->err);
         if (status != DF_OK) break;
         const df_tracer *tracer = df_tracer_choose(&s->scene, &view, NULL);
