@@ -102,7 +102,8 @@ static const struct argp_option option_table[] = {
     {0, 0, 0, 0, "Method", 3},
     {"iso", KEY_SETTING + 6, "VALUE", 0, "The surface is where the field has this value, world units (default 0)", 0},
     {"tracer", KEY_SETTING + 7, "NAME", 0,
-     "How the first hits are found: splat (surface voxels are projected to pixels), dda-packet (3DDDA over SIMD "
+     "How the first hits are found: splat (surface voxels or leaves are projected to pixels), dda-packet (3DDDA over "
+     "SIMD "
      "lanes), cgt (coherent grid traversal), dda (scalar 3DDDA, the reference), adf (the leaves of an octree), "
      "adf-packet (the same, SIMD packets), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "

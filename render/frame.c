@@ -196,9 +196,9 @@ df_status df_renderer_rows(df_renderer *renderer, const df_view *view, uint32_t 
     if (tracer->suits && !tracer->suits(renderer->scene, view)) {
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s cannot draw this field from here (%s): choose auto",
                        tracer->name,
-                       renderer->scene->levels == 0 ? "an octree"
-                       : view->rebase               ? "the eye is too far away"
-                                                    : "its structure");
+                       view->rebase                   ? "the eye is too far away"
+                       : renderer->scene->levels == 0 ? "an octree"
+                                                      : "its structure");
     }
     if (tracer->begin_frame) {
         df_status status = tracer->begin_frame(renderer->tracer_state, view, first_row, row_count, err);

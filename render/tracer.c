@@ -35,6 +35,7 @@ const df_tracer *df_tracer_find(const char *name) {
 const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if (walk && walk->bounds && scene->levels && !(*tracer)->takes_bounds) continue;
+        if (walk && walk->lod > 0 && scene->levels == 0 && *tracer == &df_tracer_splat) continue;
         if (!(*tracer)->suits || (*tracer)->suits(scene, view)) return *tracer;
     }
     return &df_tracer_dda;

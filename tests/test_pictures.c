@@ -4,6 +4,7 @@
  * point.
  */
 #include "fields.h"
+#include "lab/octree.h"
 #include "lab/surface.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
@@ -38,6 +39,7 @@ static const view_case views[] = {
     {"from a face of the box", {1, 0.5, 0.25}, {0, 0.5, 0.5}, {0, 1, 0}, 1.4},
     {"a wide angle", {0.5, 0.52, 1.2}, {0.5, 0.5, 0.5}, {0, 1, 0}, 2.8},
 };
+static int octree_count = 6; /* the argument */
 enum { VIEW_COUNT = sizeof views / sizeof views[0] };
 
 typedef struct images {
@@ -87,8 +89,11 @@ static int check_view(const df_scene *scene, const char *field, const view_case 
         camera.up[a] = v->up[a];
     }
     if (df_view_make(&camera, scene->field, WIDTH, HEIGHT, &view, &err)) fail_msg("%s", err.text);
-    df_frame_options options = {
-        .tracer = &df_tracer_dda, .solve = solve, .gradient = DF_GRADIENT_CORNER_CENTRAL, .tile = 32, .threads = 2};
+    df_frame_options options = {.tracer = scene->levels ? &df_tracer_dda : &df_tracer_adf,
+                                .solve = solve,
+                                .gradient = DF_GRADIENT_CORNER_CENTRAL,
+                                .tile = 32,
+                                .threads = 2};
     if (df_kernels_select("scalar", &options.kernels, &err)) fail_msg("%s", err.text);
     draw(scene, &options, &view, &reference);
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
@@ -131,7 +136,35 @@ static void every_tracer_draws_the_same_picture(void **unused) {
     assert_int_equal(wrong, 0);
 }
 
-int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_tracer_draws_the_same_picture)};
+/* Octrees whose leaves do not fit their neighbours, whole and cut off in the midst of solid, so that rays enter the
+ * field inside. */
+static void every_tracer_draws_the_same_octree(void **unused) {
+    (void)unused;
+    static const lab_shape shapes[] = {LAB_SPHERE, LAB_BOX, LAB_GYROID, LAB_NOISE, LAB_PAIRS};
+    int wrong = 0;
+    for (int i = 0; i < octree_count; i++) {
+        const lab_surface surface = lab_surface_make(shapes[i % 5], 32, shapes[i % 5] == LAB_NOISE ? 5 : 0);
+        const df_scene_options options = {0};
+        const uint64_t seed = (uint64_t)i + 1;
+        df_field field = {0};
+        df_scene scene;
+        df_error err;
+        if (lab_octree_make(&surface, 5, 0.3 * (i % 3), seed, &field, &err)) fail_msg("%s", err.text);
+        for (int cut = 0; cut < 2; cut++) {
+            for (int a = 0; a < 3 && cut; a++) field.voxel_count[a] -= (uint32_t)(seed * 0x9E3779B9u >> 4 * a) % 17;
+            if (df_scene_prepare(&field, 0, &options, &scene, &err)) fail_msg("%s", err.text);
+            for (int v = 0; v < VIEW_COUNT; v++)
+                wrong += check_view(&scene, surface.name, &views[v], i % 7 ? DF_SOLVE_ROBUST : DF_SOLVE_LINEAR);
+            df_scene_free(&scene);
+        }
+        df_field_free(&field);
+    }
+    assert_int_equal(wrong, 0);
+}
+
+int main(int argc, char **argv) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_tracer_draws_the_same_picture),
+                                       cmocka_unit_test(every_tracer_draws_the_same_octree)};
+    if (argc > 1) octree_count = atoi(argv[1]);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

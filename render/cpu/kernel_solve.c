@@ -214,27 +214,39 @@ static void solve_splats(const df_splat_job *job, const df_trace_options *option
     }
     const li block = li_load(found->block), back = li_shift_right(li_load(found->record), 31),
              record = li_and(li_load(found->record), li_set((int32_t)~DF_SPLAT_BACK)),
-             voxel = li_gather((const int32_t *)surface->voxels, record), mask = li_set((int32_t)job->scene->k - 1);
+             voxel = li_gather((const int32_t *)surface->voxels, record), mask = li_set((1 << surface->k_shift) - 1);
     int32_t records[DF_LANES], backs[DF_LANES];
     batch in;
     li_store(records, record);
     li_store(backs, back);
     li_store((int32_t *)hits->ray + at, li_load(found->ray));
-    li_store((int32_t *)hits->block + at, block);
-    for (uint32_t i = 0; i < lanes; i++) hits->flags[at + i] = (uint8_t)backs[i];
+    if (!surface->leaves) {
+        li_store((int32_t *)hits->block + at, block);
+        for (uint32_t i = 0; i < lanes; i++) hits->flags[at + i] = (uint8_t)backs[i];
+        in.size = lf_set(1);
+    } else {
+        const li size_log2 = li_and(li_shift_right(voxel, DF_SURFACE_SIZE), li_set(15));
+        int32_t sizes[DF_LANES];
+        float size[DF_LANES];
+        li_store((int32_t *)hits->block + at, li_gather((const int32_t *)surface->leaves, record));
+        li_store(sizes, size_log2);
+        for (uint32_t i = 0; i < DF_LANES; i++) {
+            hits->flags[at + i] = (uint8_t)(backs[i] | sizes[i] << DF_HIT_SIZE_SHIFT);
+            size[i] = (float)(1u << sizes[i]);
+        }
+        in.size = lf_load(size);
+    }
     for (int a = 0; a < 3; a++) {
         const li cell = li_add(li_gather((const int32_t *)surface->corner[a], block),
-                               li_and(li_shift_right(voxel, a * (int)job->scene->k_shift), mask));
+                               li_and(li_shift_right(voxel, a * (int)surface->k_shift), mask));
         li_store_u16(hits->cell[a] + at, cell);
         in.cell[a] = lf_from_li(cell);
         in.origin[a] = lf_set(job->tile->rays.origin[a][0]);
         in.direction[a] = lf_load(found->direction[a]);
     }
     in.inside = lf_from_li(back);
-    in.size = lf_set(1);
-    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, surface, records, found->block,
-                     in.corner);
-    solve_batch(&in, true, options, hits, at);
+    DF_FETCH_BY_TYPE(surface->sample_type, df_fetch_records, job->scene, surface, records, found->block, in.corner);
+    solve_batch(&in, !surface->leaves, options, hits, at);
     hits->count += lanes;
     found->count -= lanes;
     li_store(found->ray, li_load(found->ray + DF_LANES));

@@ -1,7 +1,9 @@
 /*
- * Object order: surface voxels are projected, DF_LANES at a time, and every pixel whose centre may see one makes a pair
- * (voxel, ray). Pairs are queued and tested at full width by the same text as every other tracer. The nearest accepted
- * voxel of each ray stays.
+ * Object order: surface voxels, or leaves of an octree, are projected, DF_LANES at a time, and every pixel whose centre
+ * may see one makes a pair (voxel, ray). Pairs are queued and tested at full width by the same text as every other
+ * tracer. The nearest accepted voxel of each ray stays.
+ *
+ * `octree` is a constant wherever these functions are called: voxels know nothing of sizes.
  */
 #include "render/cpu/fetch.h"
 #include "render/cpu/kernel.h"
@@ -24,26 +26,31 @@ enum { QUEUE_FLUSH = 4 * DF_LANES, QUEUE_ROOM = QUEUE_FLUSH + 2 * DF_LANES };
 typedef struct queue {
     uint32_t count;
     int32_t ray[QUEUE_ROOM], record[QUEUE_ROOM], block[QUEUE_ROOM];
-    float cell[3][QUEUE_ROOM];
+    float cell[3][QUEUE_ROOM], size[QUEUE_ROOM]; /* size: of leaves */
 } queue;
 
+/* The size of the leaf of a record, in voxels. */
+static inline float leaf_size(uint32_t voxel) { return (float)(1u << (voxel >> DF_SURFACE_SIZE & 15)); }
+
 /* Of two voxels that a ray enters at the same t the one entered across the lower axis comes first (cell.h). */
-static int entry_axis(const df_rays *rays, uint32_t ray, const float cell[3], float t_in) {
+static int entry_axis(const df_rays *rays, uint32_t ray, const float cell[3], float size, float t_in) {
     int axis = 3;
     for (int a = 0; a < 3; a++) {
         const float origin = rays->origin[a][0], inverse = rays->inverse[a][ray];
-        const float low = (cell[a] - origin) * inverse, high = ((cell[a] + 1.0f) - origin) * inverse;
+        const float low = (cell[a] - origin) * inverse, high = ((cell[a] + size) - origin) * inverse;
         if ((low < high ? low : high) == t_in) axis = a;
     }
     return axis;
 }
 
-static void voxel_of(const df_splat_job *job, uint32_t block, uint32_t record, float cell[3]) {
+/* A record's lower corner, and its size; 1 for voxels. */
+static float voxel_of(const df_splat_job *job, uint32_t block, uint32_t record, float cell[3]) {
     const df_surface *surface = job->surface;
     for (int a = 0; a < 3; a++) {
-        const uint32_t within = surface->voxels[record] >> a * (int)job->scene->k_shift & (job->scene->k - 1);
+        const uint32_t within = surface->voxels[record] >> a * (int)surface->k_shift & ((1u << surface->k_shift) - 1);
         cell[a] = (float)(surface->corner[a][block] + within);
     }
+    return leaf_size(surface->voxels[record]);
 }
 
 /* Keeps an accepted voxel where it is the nearest so far. */
@@ -51,9 +58,11 @@ static void keep(const df_splat_job *job, uint32_t ray, float t_in, uint32_t rec
     if (t_in > job->depth[ray]) return;
     if (t_in == job->depth[ray]) {
         float now[3], before[3];
-        voxel_of(job, block, record, now);
-        voxel_of(job, job->block[ray], job->record[ray] & ~DF_SPLAT_BACK, before);
-        if (entry_axis(&job->tile->rays, ray, now, t_in) >= entry_axis(&job->tile->rays, ray, before, t_in)) return;
+        const float size = voxel_of(job, block, record, now);
+        const float size_before = voxel_of(job, job->block[ray], job->record[ray] & ~DF_SPLAT_BACK, before);
+        if (entry_axis(&job->tile->rays, ray, now, size, t_in) >=
+            entry_axis(&job->tile->rays, ray, before, size_before, t_in))
+            return;
     }
     job->depth[ray] = t_in;
     job->record[ray] = inside ? record | DF_SPLAT_BACK : record;
@@ -61,7 +70,7 @@ static void keep(const df_splat_job *job, uint32_t ray, float t_in, uint32_t rec
 }
 
 /* Tests DF_LANES pairs from entry `first` of the queue; only the first `count` are real. */
-static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, uint32_t count) {
+static inline void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, uint32_t count, bool octree) {
     const df_rays *rays = &job->tile->rays;
     const li ray = li_load(q->ray + first);
     lf origin[3], direction[3], inverse[3], cell[3], corner[8];
@@ -72,16 +81,19 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
         cell[a] = lf_load(q->cell[a] + first);
     }
     df_segment_f32 segment;
-    lm visited = df_cell_segment_f32(origin, direction, inverse, lf_set(0), cell, lf_set(1), &segment);
+    const lf size = octree ? lf_load(q->size + first) : lf_set(1);
+    lm visited = df_cell_segment_f32(origin, direction, inverse, lf_set(0), cell, size, &segment);
     visited = lm_and(visited, lf_le(segment.t_in, lf_gather(job->depth, ray)));
     if (!lm_any(visited)) return;
-    DF_FETCH_BY_TYPE(job->scene->field->sample_type, df_fetch_records, job->scene, job->surface, q->record + first,
+    DF_FETCH_BY_TYPE(job->surface->sample_type, df_fetch_records, job->scene, job->surface, q->record + first,
                      q->block + first, corner);
     lm inside;
-    lm hit = lm_and(visited, df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside));
+    lm hit = df_accept_f32(corner, segment.a, segment.b, job->isolate, &inside);
+    if (octree) hit = lm_or(hit, inside); /* it comes from outside */
+    hit = lm_and(visited, hit);
     uint32_t bits = lm_bits(hit) & (uint32_t)((1ull << count) - 1);
     if (!bits) return;
-    const uint32_t inside_bits = lm_bits(inside);
+    const uint32_t inside_bits = octree ? 0 : lm_bits(inside);
     float t_in[DF_LANES];
     lf_store(t_in, segment.t_in);
     for (; bits; bits &= bits - 1) {
@@ -92,9 +104,9 @@ static void test_pairs(const df_splat_job *job, const queue *q, uint32_t first, 
 }
 
 /* Tests what is queued: whole vectors, or all of it. The rest moves to the front. */
-static void flush(const df_splat_job *job, queue *q, int all, df_counters *counters) {
+static inline void flush(const df_splat_job *job, queue *q, int all, df_counters *counters, bool octree) {
     uint32_t done = 0;
-    for (; done + DF_LANES <= q->count; done += DF_LANES) test_pairs(job, q, done, DF_LANES);
+    for (; done + DF_LANES <= q->count; done += DF_LANES) test_pairs(job, q, done, DF_LANES, octree);
     counters->cells_tested += done;
     counters->lanes_active += done;
     counters->lanes_total += done;
@@ -105,8 +117,9 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
             q->record[i] = q->record[q->count - 1];
             q->block[i] = q->block[q->count - 1];
             for (int a = 0; a < 3; a++) q->cell[a][i] = q->cell[a][q->count - 1];
+            if (octree) q->size[i] = q->size[q->count - 1];
         }
-        test_pairs(job, q, done, rest);
+        test_pairs(job, q, done, rest, octree);
         counters->cells_tested += rest;
         counters->lanes_active += rest;
         counters->lanes_total += DF_LANES;
@@ -117,6 +130,7 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
         q->record[i] = q->record[done + i];
         q->block[i] = q->block[done + i];
         for (int a = 0; a < 3; a++) q->cell[a][i] = q->cell[a][done + i];
+        if (octree) q->size[i] = q->size[done + i];
     }
     q->count = rest;
 }
@@ -124,7 +138,7 @@ static void flush(const df_splat_job *job, queue *q, int all, df_counters *count
 /* DF_LANES voxels: the pixels of the tile that may see their surface, inclusive, none where x1 < x0 or y1 < y0, and the
  * least t at which they can. Pixels are whole numbers. */
 typedef struct voxels {
-    lf cell[3], x0, x1, y0, y1, t_near;
+    lf cell[3], size, x0, x1, y0, y1, t_near;
     uint32_t first, block; /* the record of lane 0, and the block of all */
 } voxels;
 
@@ -197,7 +211,8 @@ static li lane_numbers(void) {
 #define SMALL 3
 
 /* Queues the pairs of the voxels `seen` with the pixels of their bounds, as far as nothing nearer is there yet. */
-static void queue_small(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters) {
+static inline void queue_small(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters,
+                               bool octree) {
     const lf width = lf_set((float)job->tile->width), one = lf_set(1);
     const li record = li_add(lane_numbers(), li_set((int32_t)of->first));
     for (lf y = of->y0; lm_any(seen); y = y + one) {
@@ -211,32 +226,37 @@ static void queue_small(const df_splat_job *job, queue *q, const voxels *of, lm 
             li_compress(q->record + q->count, open, record);
             li_store(q->block + q->count, li_set((int32_t)of->block));
             for (int a = 0; a < 3; a++) lf_compress(q->cell[a] + q->count, open, of->cell[a]);
+            if (octree) lf_compress(q->size + q->count, open, of->size);
             q->count += lm_count(lm_bits(open));
-            if (q->count >= QUEUE_FLUSH) flush(job, q, 0, counters);
+            if (q->count >= QUEUE_FLUSH) flush(job, q, 0, counters, octree);
         }
     }
 }
 
 /* Completes the pairs from entry `first` of the queue on: all are of one voxel. */
-static void name_voxel(queue *q, uint32_t first, const float cell[3], uint32_t record, uint32_t block) {
+static inline void name_voxel(queue *q, uint32_t first, const float cell[3], float size, uint32_t record,
+                              uint32_t block) {
     for (uint32_t at = first; at < q->count; at += DF_LANES) {
         li_store(q->record + at, li_set((int32_t)record));
         li_store(q->block + at, li_set((int32_t)block));
         for (int a = 0; a < 3; a++) lf_store(q->cell[a] + at, lf_set(cell[a]));
+        lf_store(q->size + at, lf_set(size));
     }
 }
 
 /* queue_small for voxels of any size. */
-static void queue_large(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters) {
+static inline void queue_large(const df_splat_job *job, queue *q, const voxels *of, lm seen, df_counters *counters,
+                               bool octree) {
     const int32_t width = (int32_t)job->tile->width;
     const li lane = lane_numbers();
     int32_t x0[DF_LANES], x1[DF_LANES], y0[DF_LANES], y1[DF_LANES];
-    float cells[3][DF_LANES], t_near[DF_LANES];
+    float cells[3][DF_LANES], sizes[DF_LANES], t_near[DF_LANES];
     li_store(x0, li_from_lf(of->x0));
     li_store(x1, li_from_lf(of->x1));
     li_store(y0, li_from_lf(of->y0));
     li_store(y1, li_from_lf(of->y1));
     lf_store(t_near, of->t_near);
+    lf_store(sizes, of->size);
     for (int a = 0; a < 3; a++) lf_store(cells[a], of->cell[a]);
     for (uint32_t bits = lm_bits(seen); bits; bits &= bits - 1) {
         const int i = __builtin_ctz(bits);
@@ -250,40 +270,50 @@ static void queue_large(const df_splat_job *job, queue *q, const voxels *of, lm 
                 li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
                 q->count += lm_count(lm_bits(open));
                 if (q->count < QUEUE_FLUSH) continue;
-                name_voxel(q, named, cell, of->first + (uint32_t)i, of->block);
-                flush(job, q, 0, counters);
+                name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block);
+                flush(job, q, 0, counters, octree);
                 named = q->count;
             }
         }
-        name_voxel(q, named, cell, of->first + (uint32_t)i, of->block);
+        name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block);
     }
 }
 
+static inline lf leaf_sizes(li voxel) {
+    static const float sizes[16] = {1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
+    return lf_gather(sizes, li_and(li_shift_right(voxel, DF_SURFACE_SIZE), li_set(15)));
+}
+
 /* Pairs DF_LANES records of a block from `first` on, of which the first `count` count. */
-static void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, uint32_t first, uint32_t count,
-                         df_counters *counters) {
-    const int shift = (int)job->scene->k_shift;
-    const li mask = li_set((int32_t)job->scene->k - 1), eighth = li_set(7);
+static inline void splat_voxels(const df_splat_job *job, queue *q, uint32_t block, uint32_t first, uint32_t count,
+                                df_counters *counters, bool octree) {
+    const int shift = (int)job->surface->k_shift;
+    const li mask = li_set((1 << shift) - 1), eighth = li_set(7);
     const li voxel = li_load((const int32_t *)job->surface->voxels + first);
     voxels of = {.first = first, .block = block};
-    lf centre[3], half[3];
+    lf centre[3], half[3], sixteenth = lf_set(1.0f / 16);
+    of.size = lf_set(1);
+    if (octree) {
+        of.size = leaf_sizes(voxel);
+        sixteenth = sixteenth * of.size;
+    }
     for (int a = 0; a < 3; a++) {
         const lf low = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_LOW + 3 * a), eighth));
         const lf high = lf_from_li(li_and(li_shift_right(voxel, DF_SURFACE_HIGH + 3 * a), eighth)) + lf_set(1);
         const li within = li_and(li_shift_right(voxel, a * shift), mask);
         of.cell[a] = lf_from_li(li_add(within, li_set((int32_t)job->surface->corner[a][block])));
-        centre[a] = of.cell[a] + (low + high) * lf_set(1.0f / 16);
-        half[a] = (high - low) * lf_set(1.0f / 16);
+        centre[a] = of.cell[a] + (low + high) * sixteenth;
+        half[a] = (high - low) * sixteenth;
     }
     counters->fine_steps += count;
     const lm seen = lm_and(project(job, centre, half, &of), lm_first(count));
     if (!lm_any(seen)) return;
     const lm large = lm_or(lf_le(lf_set(SMALL), of.x1 - of.x0), lf_le(lf_set(SMALL), of.y1 - of.y0));
-    if (lm_any(lm_and(seen, large))) queue_large(job, q, &of, seen, counters);
-    else queue_small(job, q, &of, seen, counters);
+    if (lm_any(lm_and(seen, large))) queue_large(job, q, &of, seen, counters, octree);
+    else queue_small(job, q, &of, seen, counters, octree);
 }
 
-void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) {
+static inline void splat_blocks(const df_splat_job *job, df_counters *counters, bool octree) {
     const df_surface *surface = job->surface;
     queue q;
     q.count = 0;
@@ -293,8 +323,13 @@ void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) 
         if (!block_may_show(job, &job->rects[block])) continue;
         for (uint32_t first = surface->first[block]; first < last; first += DF_LANES) {
             const uint32_t count = last - first < DF_LANES ? last - first : DF_LANES;
-            splat_voxels(job, &q, block, first, count, counters);
+            splat_voxels(job, &q, block, first, count, counters, octree);
         }
     }
-    flush(job, &q, 1, counters);
+    flush(job, &q, 1, counters, octree);
+}
+
+void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) {
+    if (job->surface->leaves) splat_blocks(job, counters, true);
+    else splat_blocks(job, counters, false);
 }

@@ -19,17 +19,26 @@ typedef struct df_shade_job {
     float *depth, *normals;
 } df_shade_job;
 
-/* The surface voxels of a scene as records, block by block: object-order tracers read these instead of the field. A
- * record tells the voxel's bit in its block's mask and a box around the surface in it, in eighths of the voxel: by axis
- * 3 bits for where it begins and 3 for the last eighth that it reaches. */
+/* The cells of a scene that rays can hit as records, block by block: object-order tracers read these instead of the
+ * field. Cells are voxels, of blocks of k*k*k; or leaves of an octree, of aligned cubes of 8*8*8 voxels, where a larger
+ * leaf is a block of its own. A record tells the voxel's bit in its block's mask (its place in the block, axis by axis
+ * k_shift bits), a box around the surface in it, in eighths of the cell (by axis 3 bits for where it begins and 3 for
+ * the last eighth that it reaches), and of a leaf the logarithm of its size and whether rays that it is the first leaf
+ * of may start inside. */
 #define DF_SURFACE_LOW 9
 #define DF_SURFACE_HIGH 18
+#define DF_SURFACE_SIZE 27
+#define DF_SURFACE_BORDER 0x80000000u
 typedef struct df_surface {
-    const uint32_t *first;     /* by block: index of its first record; first[block_count] is the number of records */
-    const uint32_t *voxels;    /* by record, padded by DF_RAY_PADDING */
-    const void *corners;       /* by record: the 8 samples at the corners, as the field stores them */
-    const uint32_t *corner[3]; /* by block: its lower corner in voxels */
-    uint32_t record_count;
+    uint32_t *first;     /* by block: index of its first record; first[block_count] is the number of records */
+    uint32_t *voxels;    /* by record, padded by DF_RAY_PADDING */
+    void *corners;       /* by record: the 8 samples at the corners, as the field stores them; of octrees decoded */
+    uint32_t *corner[3]; /* by block: its lower corner in voxels; one allocation, corner[0] */
+    uint32_t *leaves;    /* by record: 8 * family + child; NULL: no octree */
+    uint8_t *block_log2; /* by block: the logarithm of its size in voxels; NULL: all k_shift */
+    uint32_t k_shift, block_count, record_count;
+    df_sample_type sample_type; /* of corners */
+    bool has_border;            /* some record has DF_SURFACE_BORDER */
 } df_surface;
 
 /* A block as a view sees it: the pixels that it may cover, inclusive, none where x1 < x0, and the least t at which rays

@@ -1,10 +1,15 @@
 /*
- * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): bricks are sorted from front to
- * back and binned to tiles; a tile projects the surface voxels of its bricks and keeps the nearest accepted one of each
- * ray.
+ * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): blocks of cells are sorted from
+ * front to back and binned to tiles; a tile projects the surface voxels or leaves of its blocks and keeps the nearest
+ * accepted one of each ray.
+ *
+ * A leaf of an octree is accepted as well where a ray enters it inside (adf.h): of rays that start outside the nearest
+ * such leaf is the hit. Rays that start inside are walked.
  */
 #include "common/memory.h"
-#include "render/cpu/fetch.h"
+#include "render/cpu/surface.h"
+#include "render/cpu/walk.h"
+#include "render/methods/adf.h"
 #include "render/methods/solve_methods.h"
 
 #include <assert.h>
@@ -25,11 +30,8 @@ typedef struct splat_state {
     const df_scene *scene;
     df_trace_options options;
     df_surface surface;
-    uint32_t *first;
-    uint32_t *voxels;
-    uint8_t *corners;
-    uint32_t *corner; /* surface.corner, one axis after the other */
     splat_worker *workers;
+    df_walk *walk; /* octrees: for rays that may start inside; otherwise NULL */
 
     /* Of the current view. */
     df_projection projection;
@@ -40,6 +42,7 @@ typedef struct splat_state {
     uint32_t tile_capacity, entry_capacity;
     uint32_t tile_columns;
     uint32_t first_row, end_row; /* of the picture: what is drawn */
+    bool walks;                  /* all rays may start inside */
 } splat_state;
 
 static void splat_release(void *opaque) {
@@ -51,123 +54,13 @@ static void splat_release(void *opaque) {
         free(state->workers[i].block);
     }
     free(state->workers);
-    free(state->first);
-    free(state->voxels);
-    free(state->corners);
-    free(state->corner);
+    df_surface_free(&state->surface);
+    df_walk_release(state->walk);
     free(state->rects);
     free(state->order);
     free(state->tile_first);
     free(state->entries);
     free(state);
-}
-
-/* How far from one of a voxel's faces the surface begins: the largest s in [0,1] such that within s of the face no
- * value comes within `least` of 0. face: the bit of the axis, or 0, as in a corner's number. */
-static inline float surface_begin(const float corner[8], int axis, int face, float least) {
-    const float sign = corner[face] < 0 ? -1 : 1;
-    const int u = axis == 1 ? 2 : 1, v = axis == 4 ? 2 : 4;
-    float begin = 1;
-    for (int i = 0; i < 4; i++) {
-        const int c = face + (i & 1 ? u : 0) + (i & 2 ? v : 0);
-        const float low = sign * corner[c], high = sign * corner[c ^ axis];
-        const float crossing = low <= least ? 0 : (low - least) / (low - (high < least ? high : least));
-        begin = crossing < begin ? crossing : begin;
-    }
-    return begin;
-}
-
-/*
- * The record of a voxel. The box holds all points where the field's magnitude is not far above what rounding makes of
- * 0, widened by what rounding does to places: no ray that any arithmetic lets hit the voxel passes it by.
- */
-static uint32_t surface_voxel(uint32_t bit, const float corner[8], float margin) {
-    uint32_t voxel = bit;
-    float largest = 0;
-    for (int c = 0; c < 8; c++) {
-        const float magnitude = corner[c] < 0 ? -corner[c] : corner[c];
-        largest = magnitude > largest ? magnitude : largest;
-    }
-    for (int a = 0; a < 3; a++) {
-        const float low = surface_begin(corner, 1 << a, 0, 1e-5f * largest) - margin;
-        const float high = 1 - surface_begin(corner, 1 << a, 1 << a, 1e-5f * largest) + margin;
-        voxel |= (low > 0 ? (uint32_t)(8 * low) : 0) << (DF_SURFACE_LOW + 3 * a);
-        voxel |= (high < 1 ? (uint32_t)(8 * high) : 7) << (DF_SURFACE_HIGH + 3 * a);
-    }
-    return voxel;
-}
-
-static void copy_corners(splat_state *state, const uint32_t voxel[3], uint32_t block, uint32_t record) {
-    const df_field *field = state->scene->field;
-    const df_fetch f = df_fetch_corner(state->scene, voxel, block);
-    const size_t size = df_sample_size(field->sample_type);
-    for (uint32_t i = 0; i < 4; i++) { /* rows of two */
-        const size_t from = f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        memcpy(state->corners + (8 * (size_t)record + 2 * i) * size, (const uint8_t *)field->samples + from * size,
-               2 * size);
-    }
-}
-
-static void fill_records(splat_state *state, uint32_t block) {
-    const df_scene *scene = state->scene;
-    const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
-    const uint32_t *count = scene->voxel_count;
-    const uint32_t longest =
-        count[0] > count[1] ? (count[0] > count[2] ? count[0] : count[2]) : (count[1] > count[2] ? count[1] : count[2]);
-    const float margin = 1.0f / 64 + (float)longest * 0x1p-20f;
-    uint32_t record = state->first[block], low[3];
-    low[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
-    low[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
-    low[2] = scene->block_cells[block] / scene->coarse_count[0] / scene->coarse_count[1] * scene->k;
-    for (int a = 0; a < 3; a++) state->corner[(uint32_t)a * scene->block_count + block] = low[a];
-    for (uint32_t w = 0; w < words; w++) {
-        for (uint64_t mask = scene->masks[(uint64_t)block * words + w]; mask; mask &= mask - 1, record++) {
-            const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
-            const uint32_t voxel[3] = {low[0] + (bit & k_mask), low[1] + (bit >> scene->k_shift & k_mask),
-                                       low[2] + (bit >> 2 * scene->k_shift)};
-            float corner[8];
-            df_scene_corners(scene, voxel, block, corner);
-            state->voxels[record] = surface_voxel(bit, corner, margin);
-            copy_corners(state, voxel, block, record);
-        }
-    }
-    assert(record == state->first[block + 1]);
-}
-
-static df_status make_records(splat_state *state, df_error *err) {
-    const df_scene *scene = state->scene;
-    const uint32_t words = df_brick_mask_words(scene->k);
-    df_status status =
-        df_alloc((void **)&state->first, scene->block_count + 1ull, sizeof *state->first, "surface records", err);
-    if (status != DF_OK) return status;
-    uint64_t count = 0;
-    for (uint32_t block = 0; block < scene->block_count; block++) {
-        state->first[block] = (uint32_t)count;
-        for (uint32_t w = 0; w < words; w++)
-            count += (uint64_t)__builtin_popcountll(scene->masks[(uint64_t)block * words + w]);
-        if (count > INT32_MAX / 8) {
-            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: more than %d surface voxels; choose dda",
-                           INT32_MAX / 8);
-        }
-    }
-    state->first[scene->block_count] = (uint32_t)count;
-    status = df_alloc((void **)&state->voxels, count + DF_RAY_PADDING, sizeof *state->voxels, "surface records", err);
-    if (status == DF_OK)
-        status = df_alloc((void **)&state->corners, count * 8, df_sample_size(scene->field->sample_type),
-                          "surface records", err);
-    if (status == DF_OK)
-        status =
-            df_alloc((void **)&state->corner, scene->block_count * 3ull, sizeof *state->corner, "surface records", err);
-    if (status != DF_OK) return status;
-#pragma omp parallel for schedule(dynamic, 64) num_threads(state->options.threads)
-    for (uint32_t block = 0; block < scene->block_count; block++) fill_records(state, block);
-    const uint32_t blocks = scene->block_count;
-    state->surface = (df_surface){state->first,
-                                  state->voxels,
-                                  state->corners,
-                                  {state->corner, state->corner + blocks, state->corner + 2 * blocks},
-                                  (uint32_t)count};
-    return DF_OK;
 }
 
 static df_status make_workers(splat_state *state, df_error *err) {
@@ -189,18 +82,22 @@ static df_status make_workers(splat_state *state, df_error *err) {
 static df_status splat_prepare(const df_scene *scene, const df_trace_options *options, void **out, df_error *err) {
     splat_state *state;
     *out = NULL;
-    if (scene->levels != 2)
+    if (scene->levels == 1)
         return df_fail(err, DF_ERROR_USAGE, "--tracer splat works on two levels: leave out --levels 1");
+    if (scene->levels == 0 && options->walk.lod > 0)
+        return df_fail(err, DF_ERROR_USAGE, "--tracer splat looks into every leaf: leave out --lod, or choose adf");
+    if (scene->levels == 0 && scene->iso != 0)
+        return df_fail(err, DF_ERROR_USAGE, "--tracer splat draws octrees at iso 0: choose adf");
     df_status status = df_alloc((void **)&state, 1, sizeof *state, "tracer", err);
     if (status != DF_OK) return status;
     state->scene = scene;
     state->options = *options;
-    status = make_records(state, err);
+    status = df_surface_make(scene, options->threads, &state->surface, err);
     if (status == DF_OK) status = make_workers(state, err);
-    if (status == DF_OK)
-        status = df_alloc((void **)&state->rects, scene->block_count, sizeof *state->rects, "blocks", err);
-    if (status == DF_OK)
-        status = df_alloc((void **)&state->order, scene->block_count, sizeof *state->order, "blocks", err);
+    const uint32_t blocks = state->surface.block_count;
+    if (status == DF_OK) status = df_alloc((void **)&state->rects, blocks, sizeof *state->rects, "blocks", err);
+    if (status == DF_OK) status = df_alloc((void **)&state->order, blocks, sizeof *state->order, "blocks", err);
+    if (status == DF_OK && scene->levels == 0) status = df_walk_prepare(scene, options, (void **)&state->walk, err);
     if (status != DF_OK) splat_release(state);
     else *out = state;
     return status;
@@ -208,14 +105,12 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
 
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
-    return state->surface.record_count *
-               (8 * df_sample_size(state->scene->field->sample_type) + sizeof *state->voxels) +
-           state->scene->block_count *
-               (sizeof *state->first + 3 * sizeof *state->corner + sizeof *state->rects + sizeof *state->order);
+    return df_surface_bytes(&state->surface) +
+           state->surface.block_count * (sizeof *state->rects + sizeof *state->order);
 }
 
 static bool splat_suits(const df_scene *scene, const df_view *view) {
-    return scene->levels == 2 && view && !view->rebase;
+    return (scene->levels == 2 || (scene->levels == 0 && scene->iso == 0)) && view && !view->rebase;
 }
 
 /* ---- per view ---- */
@@ -242,10 +137,11 @@ static uint16_t clamp_pixel(double x, uint32_t low, uint32_t end) {
 
 static df_block_rect block_rect(const splat_state *state, const df_view *view, uint32_t block) {
     const df_projection *p = &state->projection;
-    const double half = state->scene->k / 2.0, margin = 0.05;
+    const uint8_t *block_log2 = state->surface.block_log2;
+    const double half = (1u << (block_log2 ? block_log2[block] : state->surface.k_shift)) / 2.0, margin = 0.05;
     df_block_rect rect = {.x0 = 1};
     double centre[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
-    if (state->first[block] == state->first[block + 1]) return rect;
+    if (state->surface.first[block] == state->surface.first[block + 1]) return rect;
     for (int i = 0; i < 3; i++) {
         for (int a = 0; a < 3; a++)
             centre[i] += (double)p->rows[i][a] * (state->surface.corner[a][block] + half - view->eye[a]);
@@ -278,7 +174,7 @@ static bool visible(const df_block_rect *rect) { return rect->x0 <= rect->x1; }
 
 /* Orders the visible blocks by depth, nearly; returns how many. */
 static uint32_t sort_blocks(splat_state *state) {
-    const uint32_t total = state->scene->block_count;
+    const uint32_t total = state->surface.block_count;
     uint32_t place[DEPTH_BUCKETS + 1] = {0}, count = 0;
     float low = INFINITY, high = 0;
     for (uint32_t i = 0; i < total; i++) {
@@ -354,14 +250,38 @@ static df_status bin_blocks(splat_state *state, const df_view *view, uint32_t bl
     return DF_OK;
 }
 
+/* Whether rays of an octree's view may start inside: the eye is in a leaf that is, or near a place that is. */
+static bool starts_inside(const df_scene *scene, const df_view *view) {
+    const double side = (double)(1u << scene->field->level_count), near = 1e-3 + side * 0x1p-22;
+    for (int i = 0; i < 8; i++) {
+        double at[3], within[3];
+        float corner[8], largest = 0;
+        df_adf_cell cell;
+        bool outside = false;
+        for (int a = 0; a < 3; a++) {
+            at[a] = view->eye[a] + (i >> a & 1 ? near : -near);
+            outside = outside || at[a] < 0 || at[a] > side;
+        }
+        if (outside) continue;
+        df_adf_find(scene->field, at, DF_LEVEL_COUNT_MAX, &cell);
+        df_adf_corners(scene->field, cell.family, cell.child, corner);
+        for (int a = 0; a < 3; a++) within[a] = (at[a] - cell.corner[a]) / cell.side;
+        for (int c = 0; c < 8; c++) largest = fmaxf(largest, fabsf(corner[c]));
+        if (df_trilinear(corner, within) <= 2 * near * (double)largest) return true;
+    }
+    return false;
+}
+
 static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t first_row, uint32_t row_count,
                                    df_error *err) {
     splat_state *state = opaque;
     state->first_row = first_row;
     state->end_row = first_row + row_count;
+    state->walks = state->scene->levels == 0 && starts_inside(state->scene, view);
+    if (state->walks) return DF_OK;
     make_projection(view, &state->projection);
 #pragma omp parallel for schedule(static) num_threads(state->options.threads)
-    for (uint32_t block = 0; block < state->scene->block_count; block++)
+    for (uint32_t block = 0; block < state->surface.block_count; block++)
         state->rects[block] = block_rect(state, view, block);
     return bin_blocks(state, view, sort_blocks(state), err);
 }
@@ -374,15 +294,34 @@ static uint32_t tile_index(const splat_state *state, const df_tile *tile) {
 
 static bool splat_touches(const void *opaque, const df_tile *tile) {
     const splat_state *state = opaque;
+    if (state->walks) return true;
     const uint32_t t = tile_index(state, tile);
     return state->tile_first[t] < state->tile_first[t + 1];
 }
 
+/* Rays of an octree whose first leaf they may enter inside, what no record tells: walks them instead. */
+static void walk_rays(const splat_state *state, uint32_t thread, const df_tile *tile, df_hits *hits,
+                      df_counters *counters) {
+    const splat_worker *worker = &state->workers[thread];
+    const bool isolate = DF_SOLVE_ISOLATES(state->options.solve);
+    df_candidate *candidates = state->walk->candidates[thread];
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < tile->rays.count; i++) {
+        dda_ray ray;
+        if (!(worker->depth[i] < INFINITY && state->surface.voxels[worker->record[i]] & DF_SURFACE_BORDER)) continue;
+        worker->depth[i] = INFINITY;
+        df_walk_ray(NULL, 0, tile, i, &ray);
+        candidates[count].ray = i;
+        count += adf_walk_scene(state->scene, isolate, &ray, &candidates[count], counters);
+    }
+    df_walk_solve(state->walk, thread, tile, count, hits);
+}
+
 static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
                              df_error *err) {
-    (void)err;
     const splat_state *state = opaque;
     splat_worker *worker = &state->workers[thread];
+    if (state->walks) return df_tracer_adf_packet.trace(state->walk, thread, tile, hits, counters, err);
     const uint32_t t = tile_index(state, tile), rays = tile->rays.count;
     for (uint32_t i = 0; i < rays + DF_RAY_PADDING; i++) worker->depth[i] = INFINITY;
     const df_splat_job job = {state->scene,
@@ -397,13 +336,14 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
                               worker->record,
                               worker->block};
     state->options.kernels->splat(&job, counters);
+    if (state->surface.has_border) walk_rays(state, thread, tile, hits, counters);
     state->options.kernels->splat_solve(&job, &state->options, hits);
     return DF_OK;
 }
 
 const df_tracer df_tracer_splat = {
     .name = "splat",
-    .summary = "object order: surface voxels are projected to their pixels; for pictures",
+    .summary = "object order: surface voxels and leaves are projected to their pixels; for pictures",
     .prepare = splat_prepare,
     .release = splat_release,
     .bytes = splat_bytes,
