@@ -20,7 +20,7 @@
 /* The longest list; cells with more faces are searched sample by sample. */
 #define LIST_MAX 8192
 /* Above this the tree is searched all the same: that is quicker. */
-#define LIST_SEARCH 256
+#define LIST_SEARCH 2048
 /* Above this a list is shrunk by spheres around the faces, below by their distances. */
 #define LIST_SPHERES 48
 
@@ -89,7 +89,7 @@ static void sample_at(const cell *c, uint32_t half, uint32_t s, uint32_t at[3]) 
 static void measure_eight(worker *w, const cell *c, const double points[3][8], uint32_t count, double distances[8]) {
     const df_face_tree *tree = w->tree->input->tree;
     if (c->faces && c->face_count <= LIST_SEARCH) {
-        df_face_distances(tree->faces, c->faces, c->face_count, points, NULL, distances);
+        df_face_distances_of_near(tree, c->faces, c->face_count, points, w->distances, w->others, distances);
     } else {
         for (uint32_t i = 0; i < count; i++) {
             distances[i] =

@@ -98,30 +98,74 @@ void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t coun
     memcpy(least, low, sizeof low);
 }
 
+/* Squared distances of 8 points to the centres of the spheres around faces; low: the smallest of each point. */
+static inline __attribute__((always_inline)) void sphere_distances(const df_face_tree *tree, const uint32_t *list,
+                                                                   uint32_t count, const float points[3][8],
+                                                                   float *distances, float low[8]) {
+    for (int p = 0; p < 8; p++) low[p] = INFINITY;
+    for (uint32_t i = 0; i < count; i++) {
+        const df_face_sphere s = tree->spheres[list[i]];
+        float *d = distances + (size_t)i * 8;
+#pragma omp simd
+        for (int p = 0; p < 8; p++) {
+            float x = points[0][p] - s.centre[0], y = points[1][p] - s.centre[1], z = points[2][p] - s.centre[2];
+            float square = x * x + y * y + z * z;
+            low[p] = square < low[p] ? square : low[p];
+            d[p] = square;
+        }
+    }
+}
+
+/* The nearest face is no further than the nearest centre, which is a point of its face, and reaches no further from its
+ * own centre than its radius. */
+DF_FOR_EACH_ISA
+static uint32_t keep_near(const df_face_tree *tree, const uint32_t *list, uint32_t count, const double points[3][8],
+                          float *distances, uint32_t *kept) {
+    float local[3][8], low[8], slack = 2 * (float)tree->slack;
+    uint32_t kept_count = 0;
+    for (int p = 0; p < 8; p++) {
+        for (int a = 0; a < 3; a++) local[a][p] = (float)(points[a][p] - tree->origin[a]);
+    }
+    sphere_distances(tree, list, count, (const float(*)[8])local, distances, low);
+    for (int p = 0; p < 8; p++) low[p] = sqrtf(low[p]) * (1 + 1e-6f) + slack;
+    for (uint32_t i = 0; i < count; i++) {
+        const float *d = distances + (size_t)i * 8, radius = tree->spheres[list[i]].radius;
+        int32_t near = 0;
+#pragma omp simd reduction(| : near)
+        for (int p = 0; p < 8; p++) {
+            float reach = low[p] + radius;
+            near |= d[p] <= reach * reach * (1 + 1e-6f);
+        }
+        kept[kept_count] = list[i];
+        kept_count += near != 0;
+    }
+    return kept_count;
+}
+
+/* Below this, spheres cost more than they save. */
+#define LIST_SHORT 6
+
+void df_face_distances_of_near(const df_face_tree *tree, const uint32_t *list, uint32_t count,
+                               const double points[3][8], float *distances, uint32_t *kept, double least[8]) {
+    if (count > LIST_SHORT) {
+        count = keep_near(tree, list, count, points, distances, kept);
+        list = kept;
+    }
+    df_face_distances(tree->faces, list, count, points, NULL, least);
+}
+
 DF_FOR_EACH_ISA
 void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes,
                     float *distances, uint8_t *masks) {
     float centre[3][8], half[3][8], low[8];
     uint32_t nearest[8] = {0};
     for (int b = 0; b < 8; b++) {
-        low[b] = INFINITY;
         for (int a = 0; a < 3; a++) {
             centre[a][b] = (float)(boxes->centre[a][b] - tree->origin[a]);
             half[a][b] = (float)boxes->half[a][b];
         }
     }
-    /* squared distances of the boxes' centres to the spheres' */
-    for (uint32_t i = 0; i < count; i++) {
-        const df_face_sphere s = tree->spheres[list[i]];
-        float *d = distances + (size_t)i * 8;
-#pragma omp simd
-        for (int b = 0; b < 8; b++) {
-            float x = centre[0][b] - s.centre[0], y = centre[1][b] - s.centre[1], z = centre[2][b] - s.centre[2];
-            float square = x * x + y * y + z * z;
-            low[b] = square < low[b] ? square : low[b];
-            d[b] = square;
-        }
-    }
+    sphere_distances(tree, list, count, (const float(*)[8])centre, distances, low);
     for (uint32_t i = 0; i < count; i++) {
         for (int b = 0; b < 8; b++) nearest[b] = distances[(size_t)i * 8 + (size_t)b] == low[b] ? i : nearest[b];
     }

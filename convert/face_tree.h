@@ -68,6 +68,11 @@ int32_t df_face_tree_winding(const df_face_tree *tree, const double p[3]);
 void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t count, const double points[3][8],
                        double *out, double least[8]);
 
+/* The same without `out`, of a tree: exact distances only to faces that spheres around them show to be near enough to
+ * one of the points. distances: room for count * 8; kept: for count. */
+void df_face_distances_of_near(const df_face_tree *tree, const uint32_t *list, uint32_t count,
+                               const double points[3][8], float *distances, uint32_t *kept, double least[8]);
+
 /* Eight boxes of points, by their centres and half sides. */
 typedef struct df_face_boxes {
     double centre[3][8];
