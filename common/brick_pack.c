@@ -106,6 +106,7 @@ static void own_part(const brick *b, uint32_t y, uint32_t z, uint32_t *begin, ui
 /* What the rows before tell of a row: value(x) = base[x] + the same difference as at x - 1 + a small one. */
 static void row_base(const brick *b, uint32_t y, uint32_t z, int32_t base[9]) {
     static const int32_t none[9];
+    assert(b->k >= 1 && b->k <= 8);
     const uint32_t side = b->k + 1;
     const int32_t *row = b->values + side * (y + side * z);
     const int32_t *below = y ? row - side : none, *behind = z ? row - side * side : none;

@@ -22,24 +22,23 @@ static inline double df_octree_interpolate(const float v[8], const double within
 
 /* Where the samples of a family lie, and what makes values of them. */
 typedef struct df_coded {
-    const DF_GLOBAL float *values; /* of an exact family; otherwise NULL */
-    const DF_GLOBAL uint16_t *residuals16;
-    const DF_GLOBAL uint8_t *residuals8;
-    float step;
+    const DF_GLOBAL void *samples; /* floats of an exact family; residuals of another */
+    uint32_t size;                 /* bytes of one: 4; 2 or 1 */
+    float step;                    /* of residuals */
 } df_coded;
 
 static inline df_coded df_octree_coded(const df_field *field, uint32_t family) {
     const DF_GLOBAL float *exact = (const DF_GLOBAL float *)field->samples + 8;
-    df_coded coded = {0, 0, 0, 0};
+    df_coded coded = {exact, 4, 0};
     if (field->sample_type == DF_SAMPLE_F32 || family < field->exact_count) {
-        coded.values = exact + (size_t)family * DF_FAMILY_STORED_COUNT;
+        coded.samples = exact + (size_t)family * DF_FAMILY_STORED_COUNT;
         return coded;
     }
     const DF_GLOBAL void *rest = exact + (size_t)field->exact_count * DF_FAMILY_STORED_COUNT;
     const size_t number = family - field->exact_count, at = number * DF_FAMILY_STORED_COUNT;
+    coded.size = field->sample_type == DF_SAMPLE_U16 ? 2 : 1;
+    coded.samples = (const DF_GLOBAL uint8_t *)rest + at * coded.size;
     coded.step = df_power_of_two(field->brick_exponents[number]);
-    if (field->sample_type == DF_SAMPLE_U16) coded.residuals16 = (const DF_GLOBAL uint16_t *)rest + at;
-    else coded.residuals8 = (const DF_GLOBAL uint8_t *)rest + at;
     return coded;
 }
 
@@ -47,8 +46,9 @@ static inline df_coded df_octree_coded(const df_field *field, uint32_t family) {
 static inline float df_coded_sample(const df_coded *coded, const float cell[8], uint32_t sample) {
     const int slot = df_family_slot(sample);
     if (slot < 0) return cell[df_family_cell_corner(sample)];
-    if (coded->values) return coded->values[slot];
-    const int q = coded->residuals16 ? (int)coded->residuals16[slot] - 32768 : (int)coded->residuals8[slot] - 128;
+    if (coded->size == 4) return ((const DF_GLOBAL float *)coded->samples)[slot];
+    const int q = coded->size == 2 ? (int)((const DF_GLOBAL uint16_t *)coded->samples)[slot] - 32768
+                                   : (int)((const DF_GLOBAL uint8_t *)coded->samples)[slot] - 128;
     return df_family_predict(cell, sample) + (float)q * coded->step;
 }
 

@@ -575,9 +575,8 @@ df_status adf_divide(adf_tree *t, const adf_task *tasks, uint32_t count, df_erro
     adf_task *more = NULL;
     df_status status = make_workers(t, worker_count, &workers, err);
     while (status == DF_OK && count) {
-        const int grain =
-            count > 4096 ? 16 : 1; /* neighbours in the list are near each other: their searches help each other */
-#pragma omp parallel for schedule(dynamic, grain)
+        /* neighbours in the list are near each other: their searches help each other */
+#pragma omp parallel for schedule(dynamic, count > 4096 ? 16 : 1)
         for (uint32_t i = 0; i < count; i++) {
             worker *w = workers[omp_get_thread_num()];
             if (w->status == DF_OK) work_at_task(w, &tasks[i]);

@@ -52,24 +52,20 @@ typedef struct request {
                             side) */
     uint32_t view_width, view_height; /* 0: not given */
     double view_distance;             /* 0: not given */
-    bool allow_partial;
-    uint32_t measure; /* points to measure the error at */
-    bool measure_given;
-    uint32_t samples; /* into sample_names */
+    uint32_t measure;                 /* points to measure the error at */
+    uint32_t samples;                 /* into sample_names */
     df_field_kind structure;
     uint32_t brick_size;
     uint32_t distance; /* distance_method */
     uint32_t sign;     /* df_sign_method */
-    bool check, repair;
-    bool strict;      /* uncertain signs are a failure */
-    uint32_t threads; /* 0: as OpenMP chooses */
-    bool json, quiet;
-    const char *grid; /* of a .vdb; NULL: the only one */
-    double band;      /* voxels; 0: not given */
-    bool fill, structure_given, brick_given;
+    uint32_t threads;  /* 0: as OpenMP chooses */
+    bool check, repair, allow_partial, fill, json, quiet;
+    bool strict; /* uncertain signs are a failure */
+    bool structure_given, brick_given, samples_given, measure_given;
+    const char *grid;         /* of a .vdb; NULL: the only one */
+    double band;              /* voxels; 0: not given */
     const char *mesh_option;  /* an option that shapes a field of a mesh, where one was given */
     const char *error_option; /* one that bounds the error */
-    bool samples_given;
     df_error *err;
 } request;
 
