@@ -132,7 +132,10 @@ static const struct argp_option options[] = {
      "--max-error, both hold",
      2},
     {"allow-partial", KEY_PARTIAL, 0, 0, "go on where --max-error or --rms-error cannot be reached", 2},
-    {"measure", KEY_MEASURE, "N", 0, "random points at which the error is measured, 0 for none (default 20000)", 2},
+    {"measure", KEY_MEASURE, "N", 0,
+     "random points at which the error is measured, 0 for none (default 20000); the largest is looked for at half as "
+     "many more",
+     2},
     {0, 0, 0, 0, "Inside and outside", 3},
     {"sign", KEY_SIGN, "NAME", 0,
      "auto, winding: inside is where the oriented mesh winds around once or more, or by half where it has holes "

@@ -8,20 +8,35 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* A surface cell. */
+typedef struct cell {
+    float corners[8];
+    uint32_t corner[3], side; /* voxels */
+    uint64_t number;          /* in the order of the field */
+    double roughness;
+} cell;
+
 /* A point to measure at: a cell's corner values and a position in it, and what was measured. */
 typedef struct probe {
     float corners[8];
     double local[3];
     double world[3];
-    double edge;  /* of the cell, world units; 0 where it does not count */
+    double edge;  /* of the cell, world units */
+    double area;  /* that it stands for in the mean; 0: none */
     double error; /* of the interpolated value */
 } probe;
 
-/* Hands out the cells that get probes while all surface cells are counted past it. */
+/* Rough cells get so many points each. */
+#define ROUGH_POINTS 8
+
+/* Hands out the cells that get probes while all surface cells are counted past it, and keeps the roughest. */
 typedef struct picker {
     const df_field *field;
     probe *probes;
     uint64_t cell_total, cell_next, probe_count, probe_next;
+    cell *rough; /* room for twice rough_most */
+    uint32_t rough_count, rough_most;
+    double least_rough; /* cells below this are none of the roughest */
 } picker;
 
 static double random_unit(uint64_t seed) {
@@ -36,17 +51,56 @@ static bool is_picked(const picker *p) {
     return p->probe_next < p->probe_count && p->probe_next * p->cell_total / p->probe_count == p->cell_next;
 }
 
+/* A random point of a cell. */
+static void put_probe(picker *p, const cell *c, bool counts) {
+    probe *to = &p->probes[p->probe_next];
+    double grid[3];
+    memcpy(to->corners, c->corners, sizeof to->corners);
+    to->edge = c->side * p->field->voxel_size[0];
+    to->area = counts ? to->edge * to->edge : 0;
+    for (int a = 0; a < 3; a++) {
+        to->local[a] = random_unit(p->probe_next * 3 + (uint64_t)a);
+        grid[a] = c->corner[a] + c->side * to->local[a];
+    }
+    df_field_grid_to_world(p->field, grid, to->world);
+    p->probe_next++;
+}
+
+/* How far values in the cell may be off by what they say themselves: distances have a gradient of length 1, and the
+ * interpolated one is shorter where the surface or what is nearest changes within the cell. */
+static double roughness_of(const df_field *f, const float corners[8], uint32_t side) {
+    double square = 0;
+    for (int a = 0; a < 3; a++) {
+        double rise = 0;
+        for (int c = 0; c < 8; c++) rise += c >> a & 1 ? (double)corners[c] : -(double)corners[c];
+        rise /= 4 * side * f->voxel_size[a];
+        square += rise * rise;
+    }
+    return fabs(1 - sqrt(square)) * side;
+}
+
+static int compare_roughness(const void *x, const void *y) {
+    const cell *l = x, *r = y;
+    if (l->roughness != r->roughness) return l->roughness > r->roughness ? -1 : 1;
+    return l->number < r->number ? -1 : l->number > r->number;
+}
+
+static void keep_roughest(picker *p) {
+    qsort(p->rough, p->rough_count, sizeof *p->rough, compare_roughness);
+    if (p->rough_count < p->rough_most) return;
+    p->rough_count = p->rough_most;
+    p->least_rough = p->rough[p->rough_most - 1].roughness;
+}
+
 static void pick(picker *p, const float corners[8], const uint32_t corner[3], uint32_t side) {
-    for (; is_picked(p); p->probe_next++) {
-        probe *to = &p->probes[p->probe_next];
-        double grid[3];
-        memcpy(to->corners, corners, sizeof to->corners);
-        to->edge = side * p->field->voxel_size[0];
-        for (int a = 0; a < 3; a++) {
-            to->local[a] = random_unit(p->probe_next * 3 + (uint64_t)a);
-            grid[a] = corner[a] + side * to->local[a];
-        }
-        df_field_grid_to_world(p->field, grid, to->world);
+    cell c = {.side = side, .number = p->cell_next};
+    c.roughness = roughness_of(p->field, corners, side);
+    memcpy(c.corners, corners, sizeof c.corners);
+    memcpy(c.corner, corner, sizeof c.corner);
+    while (is_picked(p)) put_probe(p, &c, true);
+    if (c.roughness > p->least_rough && p->rough_most) {
+        p->rough[p->rough_count++] = c;
+        if (p->rough_count == 2 * p->rough_most) keep_roughest(p);
     }
     p->cell_next++;
 }
@@ -61,7 +115,7 @@ static void pick_adf(picker *p, uint32_t family, const uint32_t corner[3], uint3
             pick_adf(p, next++, at, side / 2);
         } else if (state == DF_CHILD_SURFACE) {
             float corners[8];
-            if (is_picked(p)) df_adf_corners(f, family, c, corners);
+            df_adf_corners(f, family, c, corners);
             pick(p, corners, at, side);
         }
     }
@@ -71,14 +125,14 @@ static void pick_bricks(picker *p) {
     const df_field *f = p->field;
     uint32_t k = f->brick_size, words = df_brick_mask_words(k);
     for (uint32_t b = 0; b < f->brick_count; b++) {
-        uint32_t cell = f->brick_cells[b], voxel[3];
+        uint32_t at = f->brick_cells[b], voxel[3];
         for (uint32_t i = 0; i < k * k * k; i++) {
             if (!(f->brick_masks[(size_t)b * words + i / 64] >> i % 64 & 1)) continue;
             float corners[8];
-            voxel[0] = cell % f->cell_count[0] * k + i % k;
-            voxel[1] = cell / f->cell_count[0] % f->cell_count[1] * k + i / k % k;
-            voxel[2] = cell / f->cell_count[0] / f->cell_count[1] * k + i / k / k;
-            if (is_picked(p)) df_field_corners(f, voxel, corners);
+            voxel[0] = at % f->cell_count[0] * k + i % k;
+            voxel[1] = at / f->cell_count[0] % f->cell_count[1] * k + i / k % k;
+            voxel[2] = at / f->cell_count[0] / f->cell_count[1] * k + i / k / k;
+            df_field_corners(f, voxel, corners);
             pick(p, corners, voxel, 1);
         }
     }
@@ -138,7 +192,7 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, probe 
             probe *p = &probes[i];
             p->error = 0;
             if (has_holes && is_wall(p)) {
-                p->edge = 0;
+                p->area = 0;
                 continue;
             }
             p->error = df_trilinear(p->corners, p->local) - true_distance(truth, tree, active, &p->world);
@@ -148,8 +202,8 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, probe 
     }
     if (short_of_memory) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     for (uint64_t i = 0; i < count; i++) { /* in order: the same sum for any threads */
-        sum += probes[i].edge * probes[i].edge * probes[i].error * probes[i].error;
-        area += probes[i].edge * probes[i].edge;
+        sum += probes[i].area * probes[i].error * probes[i].error;
+        area += probes[i].area;
     }
     if (isnan(sum)) return df_fail(err, DF_ERROR_MEMORY, "error measurement: out of memory");
     field->error_max = largest;
@@ -159,23 +213,31 @@ static df_status compare(const df_truth *truth, const df_face_tree *tree, probe 
 
 df_status df_measure_error(const df_truth *truth, uint32_t point_count, df_field *field, df_error *err) {
     assert(truth->source->at);
+    df_face_tree made = {0};
     picker p = {.field = field, .cell_total = df_field_surface_voxel_count(field)};
     p.probe_count = p.cell_total ? point_count : 0;
-    df_status status = df_alloc_raw((void **)&p.probes, p.probe_count, sizeof *p.probes, "error measurement", err);
-    if (status != DF_OK) return status;
+    p.rough_most = (uint32_t)(p.probe_count / 2 / ROUGH_POINTS);
+    df_status status = df_alloc_raw((void **)&p.probes, p.probe_count + ROUGH_POINTS * (uint64_t)p.rough_most,
+                                    sizeof *p.probes, "error measurement", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&p.rough, 2 * p.rough_most, sizeof *p.rough, "error measurement", err);
+    if (status != DF_OK) goto done;
     uint32_t root[3] = {0, 0, 0};
     if (field->kind == DF_FIELD_ADF) pick_adf(&p, 0, root, 1u << (field->level_count - 1));
     else if (field->kind == DF_FIELD_BRICKS) pick_bricks(&p);
     else pick_dense(&p);
     assert(p.probe_next == p.probe_count);
-    df_face_tree made = {0};
+    keep_roughest(&p);
+    for (uint32_t i = 0; i < ROUGH_POINTS * p.rough_count; i++) put_probe(&p, &p.rough[i / ROUGH_POINTS], false);
     const df_face_tree *tree = truth->tree;
     if (!tree && !truth->source->is_signed) {
         status = df_face_tree_make(truth->sign->mesh, &made, err);
         tree = &made;
     }
-    if (status == DF_OK) status = compare(truth, tree, p.probes, p.probe_count, field, err);
+    if (status == DF_OK) status = compare(truth, tree, p.probes, p.probe_next, field, err);
+done:
     df_face_tree_free(&made);
     free(p.probes);
+    free(p.rough);
     return status;
 }
