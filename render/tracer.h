@@ -16,6 +16,7 @@
  * so that whole vectors may be stored at the end. */
 #define DF_HIT_BACK 1u      /* the ray came from inside: what it sees is a back face */
 #define DF_HIT_SIZE_SHIFT 4 /* from here on: the binary logarithm of the cell's size in voxels; 0 but for octrees */
+typedef struct df_leaf_stencils df_leaf_stencils; /* kernels.h */
 typedef struct df_hits {
     uint32_t count, capacity;
     uint32_t *ray;     /* index of the ray in its tile */
@@ -26,7 +27,8 @@ typedef struct df_hits {
     double *t;        /* along the ray as the caller knows it: t_base included */
     float *normal[3]; /* world directions towards the outside, of any length: of tracers that draw something else than
                          the field */
-    bool has_normals; /* set by such tracers; otherwise shading takes the field's gradient */
+    const df_leaf_stencils *stencils; /* of a tracer that keeps them; NULL: there are none. Borrowed */
+    bool has_normals;                 /* set by such tracers; otherwise shading takes the field's gradient */
 } df_hits;
 
 df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err);

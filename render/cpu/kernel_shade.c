@@ -40,6 +40,11 @@ static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, ui
 static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
                                 stencils *in) {
     for (uint32_t i = 0; i < lanes; i++) {
+        const float *kept = df_leaf_stencil_kept(hits->stencils, scene->field, hits->block[first + i]);
+        if (kept) {
+            in->from[i] = kept;
+            continue;
+        }
         const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         /* the size scales the gradient, which the normal does not feel */
         const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;

@@ -19,6 +19,26 @@ typedef struct df_shade_job {
     float *depth, *normals;
 } df_shade_job;
 
+/* The samples around the leaves of an octree that the surface crosses (DF_REACH_FACES), for gradients, in the order in
+ * which they are fetched (df_fetch_place). Such a leaf's number is that of its first sibling, by family, and 1 for each
+ * before it. Where the first number of a stencil is NaN it is not known. */
+struct df_leaf_stencils {
+    uint32_t *first;      /* by family; at its end the count */
+    float (*samples)[32]; /* by leaf */
+};
+
+static inline uint32_t df_leaf_surface_bits(uint32_t states) { return states >> 1 & ~states & 0x5555; }
+
+/* The stencil of a leaf, 8 * family + child; NULL where it is not known. */
+static inline const float *df_leaf_stencil_kept(const df_leaf_stencils *stencils, const df_field *field,
+                                                uint32_t leaf) {
+    const uint32_t bits = df_leaf_surface_bits(field->families[leaf >> 3].states), child = leaf & 7;
+    if (!stencils || !(bits >> 2 * child & 1)) return NULL;
+    const uint32_t before = df_bit_count(bits & ((1u << 2 * child) - 1));
+    const float *samples = stencils->samples[stencils->first[leaf >> 3] + before];
+    return samples[0] == samples[0] ? samples : NULL;
+}
+
 /* The cells of a scene that rays can hit as records, block by block: object-order tracers read these instead of the
  * field. Cells are voxels, of blocks of k*k*k; or leaves of an octree, of aligned cubes of 8*8*8 voxels, where a larger
  * leaf is a block of its own. A record tells the voxel's bit in its block's mask (its place in the block, axis by axis
@@ -36,6 +56,8 @@ typedef struct df_surface {
     uint32_t *corner[3]; /* by block: its lower corner in voxels; one allocation, corner[0] */
     uint32_t *leaves;    /* by record: 8 * family + child; NULL: no octree */
     uint8_t *block_log2; /* by block: the logarithm of its size in voxels; NULL: all k_shift */
+    df_leaf_stencils stencils; /* of octrees */
+    uint64_t stencil_bytes;
     uint32_t k_shift, block_count, record_count;
     df_sample_type sample_type; /* of corners */
     bool has_border;            /* some record has DF_SURFACE_BORDER */

@@ -13,6 +13,8 @@ void df_surface_free(df_surface *surface) {
     free(surface->corner[0]);
     free(surface->leaves);
     free(surface->block_log2);
+    free(surface->stencils.first);
+    free(surface->stencils.samples);
     memset(surface, 0, sizeof *surface);
 }
 
@@ -21,7 +23,7 @@ uint64_t df_surface_bytes(const df_surface *surface) {
                             (surface->leaves ? sizeof *surface->leaves : 0);
     const uint64_t block = sizeof *surface->first + 3 * sizeof *surface->corner[0] +
                            (surface->block_log2 ? sizeof *surface->block_log2 : 0);
-    return surface->record_count * record + surface->block_count * block;
+    return surface->record_count * record + surface->block_count * block + surface->stencil_bytes;
 }
 
 df_status df_surface_alloc_blocks(df_surface *surface, df_error *err) {

@@ -5,7 +5,9 @@
  */
 #include "common/memory.h"
 #include "common/octree_samples.h"
+#include "render/cpu/fetch.h"
 #include "render/cpu/surface.h"
+#include "render/methods/leaf.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -18,6 +20,7 @@
 enum {
     MARK_OPEN = 1,  /* rays may enter inside that come from the outside */
     MARK_FIRST = 2, /* rays may enter inside that come from beyond the box */
+    MARK_EDGE = 4,  /* a neighbour is beyond the box: its stencil is not kept */
 };
 
 typedef float family_samples[DF_FAMILY_SAMPLE_COUNT];
@@ -28,6 +31,7 @@ typedef struct builder {
     family_samples *samples; /* by family */
     uint8_t *marks;
     df_surface *surface;
+    int8_t fetched[64]; /* by place in a stencil of gradient.h: its number as it is fetched */
     float margin;
     bool filling; /* the second time, when records are written and not only counted */
     bool open;    /* the current block has records */
@@ -81,6 +85,35 @@ static void decode_samples(builder *b) {
             df_adf_samples(b->field, divided_into, cell, b->samples[divided_into]);
         }
     }
+}
+
+/* ---- stencils ---- */
+
+static df_status make_stencils(builder *b, df_error *err) {
+    const df_field *field = b->field;
+    df_leaf_stencils *stencils = &b->surface->stencils;
+    uint64_t count = 0;
+    for (int i = 0; i < DF_FETCH_STENCIL; i++) b->fetched[df_fetch_place(i)] = (int8_t)i;
+    df_status status =
+        df_alloc((void **)&stencils->first, field->family_count + 1ull, sizeof *stencils->first, "stencils", err);
+    for (uint32_t f = 0; f < field->family_count && status == DF_OK; f++) {
+        stencils->first[f] = (uint32_t)count;
+        count += df_bit_count(df_leaf_surface_bits(field->families[f].states));
+    }
+    if (status == DF_OK) {
+        stencils->first[field->family_count] = (uint32_t)count;
+        status = df_alloc_raw((void **)&stencils->samples, count + 1, sizeof *stencils->samples, "stencils", err);
+    }
+    b->surface->stencil_bytes =
+        (field->family_count + 1ull) * sizeof *stencils->first + count * sizeof *stencils->samples;
+    return status;
+}
+
+/* The stencil of a leaf that the surface crosses. */
+static float *stencil_of(const builder *b, uint32_t leaf) {
+    const df_leaf_stencils *stencils = &b->surface->stencils;
+    const uint32_t bits = df_leaf_surface_bits(b->field->families[leaf >> 3].states);
+    return stencils->samples[stencils->first[leaf >> 3] + df_bit_count(bits & ((1u << 2 * (leaf & 7)) - 1))];
 }
 
 /* ---- faces ---- */
@@ -149,9 +182,35 @@ static bool fits(const builder *b, const node *low, const node *high, int axis) 
     return true;
 }
 
+/* Of a leaf and the cell across one of its faces that is no smaller: the samples beyond the face. */
+static void keep_beyond(builder *b, const node *n, const node *cell, int axis, int after) {
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    const uint32_t size = 1u << n->size_log2;
+    if (n->state != DF_CHILD_SURFACE) return;
+    if (cell->state == BEYOND) {
+        b->marks[n->leaf] |= MARK_EDGE;
+        return;
+    }
+    if (cell->size_log2 < n->size_log2) return;
+    int64_t lower[3] = {n->corner[0], n->corner[1], n->corner[2]};
+    float corners[8], value[4], *samples = stencil_of(b, n->leaf);
+    for (uint32_t c = 0; c < 8; c++) corners[c] = leaf_corner(b, cell, c);
+    lower[axis] += after ? (int64_t)size : -(int64_t)size;
+    df_leaf_beyond(lower, n->size_log2, axis, after, cell->corner, 1u << cell->size_log2, corners, value);
+    for (int i = 0; i < 4; i++) {
+        int at[3];
+        at[axis] = after ? 2 : -1;
+        at[u] = i & 1;
+        at[v] = i >> 1;
+        samples[b->fetched[DF_STENCIL(at[0], at[1], at[2])]] = value[i];
+    }
+}
+
 /* Two cells that share a part of a face, `low` before it along the axis. */
 static void visit_face(builder *b, const node *low, const node *high, int axis) {
     const uint32_t u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3;
+    keep_beyond(b, low, high, axis, 1);
+    keep_beyond(b, high, low, axis, 0);
     if (!divided(low) && !divided(high)) {
         float before[4] = {0}, after[4] = {0};
         const node *part = low->size_log2 < high->size_log2 ? low : high;
@@ -215,6 +274,11 @@ static void fill_record(builder *b, const node *n, const uint32_t low[3]) {
     float *corner = (float *)surface->corners + 8 * b->record_count;
     uint32_t voxel = n->size_log2 << DF_SURFACE_SIZE;
     for (uint32_t c = 0; c < 8; c++) corner[c] = leaf_corner(b, n, c);
+    if (n->state == DF_CHILD_SURFACE) {
+        float *samples = stencil_of(b, n->leaf);
+        for (int c = 0; c < 8; c++) samples[b->fetched[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)]] = corner[c];
+        if (mark & MARK_EDGE) samples[0] = NAN;
+    }
     voxel |= mark & MARK_OPEN ? DF_SURFACE_WHOLE : df_surface_box(corner, b->margin / (float)(1u << n->size_log2));
     for (uint32_t a = 0; a < 3; a++) voxel |= (n->corner[a] - low[a]) << 3 * a;
     if (mark & MARK_FIRST) {
@@ -280,6 +344,7 @@ df_status df_surface_make_octree(const df_scene *scene, df_surface *surface, df_
     df_status status =
         df_alloc_raw((void **)&b.samples, field->family_count, sizeof *b.samples, "decoded samples", err);
     if (status == DF_OK) status = df_alloc((void **)&b.marks, field->family_count, 8, "leaves", err);
+    if (status == DF_OK) status = make_stencils(&b, err);
     if (status == DF_OK) {
         decode_samples(&b);
         mark_leaves(&b);

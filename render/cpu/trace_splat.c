@@ -321,6 +321,7 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
                              df_error *err) {
     const splat_state *state = opaque;
     splat_worker *worker = &state->workers[thread];
+    hits->stencils = state->surface.stencils.samples ? &state->surface.stencils : NULL;
     if (state->walks) return df_tracer_adf_packet.trace(state->walk, thread, tile, hits, counters, err);
     const uint32_t t = tile_index(state, tile), rays = tile->rays.count;
     for (uint32_t i = 0; i < rays + DF_RAY_PADDING; i++) worker->depth[i] = INFINITY;

@@ -23,14 +23,33 @@ static inline bool df_leaf_sample(const df_field *field, const int64_t at[3], fl
     return true;
 }
 
-/* The 4 samples beyond a face of a leaf of 2^size_log2 voxels, from the cell of its size there or the larger leaf
+/* The 4 samples beyond a face of a leaf of 2^size_log2 voxels whose neighbour of that size there has its lower corner
+ * at `lower`: from the cell with these corners that is it, or that it lies in. */
+static inline void df_leaf_beyond(const int64_t lower[3], uint32_t size_log2, int axis, int after,
+                                  const uint32_t cell_corner[3], uint32_t cell_side, const float corners[8],
+                                  float value[4]) {
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    const int64_t size = (int64_t)1 << size_log2;
+    double within[3];
+    for (int i = 0; i < 4; i++) {
+        if (cell_side == 1u << size_log2) {
+            value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
+            continue;
+        }
+        within[axis] = (double)(lower[axis] + (after ? size : 0) - cell_corner[axis]) / cell_side;
+        within[u] = (double)(lower[u] + (i & 1) * size - cell_corner[u]) / cell_side;
+        within[v] = (double)(lower[v] + (i >> 1) * size - cell_corner[v]) / cell_side;
+        value[i] = (float)df_octree_interpolate(corners, within);
+    }
+}
+
+/* The same from the cell of its size there or the larger leaf
  * around that; false outside the root cube. */
 static inline bool df_leaf_face(const df_field *field, const uint32_t corner[3], uint32_t size_log2, int axis,
                                 int after, float value[4]) {
-    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
     const int64_t size = (int64_t)1 << size_log2;
     int64_t lower[3] = {corner[0], corner[1], corner[2]};
-    double middle[3], within[3];
+    double middle[3];
     df_adf_cell cell;
     float corners[8];
     lower[axis] += after ? size : -size;
@@ -38,16 +57,7 @@ static inline bool df_leaf_face(const df_field *field, const uint32_t corner[3],
     for (int a = 0; a < 3; a++) middle[a] = (double)lower[a] + 0.5 * (double)size;
     df_octree_find(field, middle, field->level_count - size_log2, &cell);
     df_octree_corners(field, cell.family, cell.child, corners);
-    for (int i = 0; i < 4; i++) {
-        if (cell.side == 1u << size_log2) {
-            value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
-            continue;
-        }
-        within[axis] = (double)(lower[axis] + (after ? size : 0) - cell.corner[axis]) / cell.side;
-        within[u] = (double)(lower[u] + (i & 1) * size - cell.corner[u]) / cell.side;
-        within[v] = (double)(lower[v] + (i >> 1) * size - cell.corner[v]) / cell.side;
-        value[i] = (float)df_octree_interpolate(corners, within);
-    }
+    df_leaf_beyond(lower, size_log2, axis, after, cell.corner, cell.side, corners, value);
     return true;
 }
 
