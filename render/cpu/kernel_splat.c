@@ -235,12 +235,12 @@ static inline void queue_small(const df_splat_job *job, queue *q, const voxels *
 
 /* Completes the pairs from entry `first` of the queue on: all are of one voxel. */
 static inline void name_voxel(queue *q, uint32_t first, const float cell[3], float size, uint32_t record,
-                              uint32_t block) {
+                              uint32_t block, bool octree) {
     for (uint32_t at = first; at < q->count; at += DF_LANES) {
         li_store(q->record + at, li_set((int32_t)record));
         li_store(q->block + at, li_set((int32_t)block));
         for (int a = 0; a < 3; a++) lf_store(q->cell[a] + at, lf_set(cell[a]));
-        lf_store(q->size + at, lf_set(size));
+        if (octree) lf_store(q->size + at, lf_set(size));
     }
 }
 
@@ -270,12 +270,12 @@ static inline void queue_large(const df_splat_job *job, queue *q, const voxels *
                 li_compress(q->ray + q->count, open, li_add(li_set(ray), lane));
                 q->count += lm_count(lm_bits(open));
                 if (q->count < QUEUE_FLUSH) continue;
-                name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block);
+                name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block, octree);
                 flush(job, q, 0, counters, octree);
                 named = q->count;
             }
         }
-        name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block);
+        name_voxel(q, named, cell, sizes[i], of->first + (uint32_t)i, of->block, octree);
     }
 }
 

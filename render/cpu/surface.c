@@ -123,7 +123,7 @@ static void fill_records(const df_scene *scene, const df_surface *surface, uint3
 }
 
 df_status df_surface_make(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err) {
-    if (scene->levels == 0) return df_surface_make_octree(scene, surface, err);
+    if (scene->levels == 0) return df_surface_make_octree(scene, threads, surface, err);
     const uint32_t words = df_brick_mask_words(scene->k);
     uint64_t count = 0;
     surface->k_shift = scene->k_shift;

@@ -14,7 +14,7 @@ void df_surface_free(df_surface *surface);
 uint64_t df_surface_bytes(const df_surface *surface);
 
 /* df_surface_make for an octree. */
-df_status df_surface_make_octree(const df_scene *scene, df_surface *surface, df_error *err);
+df_status df_surface_make_octree(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err);
 
 /* Room for the blocks; later for the records, all but leaves and block_log2. block_count and sample_type are set. */
 df_status df_surface_alloc_blocks(df_surface *surface, df_error *err);

@@ -16,6 +16,9 @@
 /* Beyond the field's box: no ray visits such cells. A fifth df_child_state. */
 #define BEYOND ((df_child_state)4)
 
+/* Cells so large are visited by tasks of their own. */
+#define TASK_SIZE_LOG2 5u
+
 /* What is found out about a leaf, by 8 * family + child. */
 enum {
     MARK_OPEN = 1,  /* rays may enter inside that come from the outside */
@@ -31,7 +34,8 @@ typedef struct builder {
     family_samples *samples; /* by family */
     uint8_t *marks;
     df_surface *surface;
-    int8_t fetched[64]; /* by place in a stencil of gradient.h: its number as it is fetched */
+    /* Numbers in a stencil as it is fetched: of the leaf's corners, and of the samples beyond its faces. */
+    int8_t corners[8], beyond[3][2][4];
     float margin;
     bool filling; /* the second time, when records are written and not only counted */
     bool open;    /* the current block has records */
@@ -89,11 +93,25 @@ static void decode_samples(builder *b) {
 
 /* ---- stencils ---- */
 
+static void number_stencil(builder *b) {
+    int8_t number[64] = {0};
+    for (int i = 0; i < DF_FETCH_STENCIL; i++) number[df_fetch_place(i)] = (int8_t)i;
+    for (int c = 0; c < 8; c++) b->corners[c] = number[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)];
+    for (int face = 0; face < 24; face++) {
+        const int axis = face >> 3, after = face >> 2 & 1, i = face & 3;
+        int at[3];
+        at[axis] = after ? 2 : -1;
+        at[(axis + 1) % 3] = i & 1;
+        at[(axis + 2) % 3] = i >> 1;
+        b->beyond[axis][after][i] = number[DF_STENCIL(at[0], at[1], at[2])];
+    }
+}
+
 static df_status make_stencils(builder *b, df_error *err) {
     const df_field *field = b->field;
     df_leaf_stencils *stencils = &b->surface->stencils;
     uint64_t count = 0;
-    for (int i = 0; i < DF_FETCH_STENCIL; i++) b->fetched[df_fetch_place(i)] = (int8_t)i;
+    number_stencil(b);
     df_status status =
         df_alloc((void **)&stencils->first, field->family_count + 1ull, sizeof *stencils->first, "stencils", err);
     for (uint32_t f = 0; f < field->family_count && status == DF_OK; f++) {
@@ -146,6 +164,12 @@ static void face_values(const builder *b, const node *n, const node *part, int a
     }
 }
 
+/* Faces of a leaf are visited by several threads. */
+static void set_marks(builder *b, uint32_t leaf, uint8_t marks) {
+#pragma omp atomic
+    b->marks[leaf] |= marks;
+}
+
 /* A ray leaves `from` and enters `to` across a face on which they have these values: may it enter inside, though it
  * came from the outside? What is too near to 0 for a verdict may be either. */
 static void mark_entry(builder *b, const node *from, const float before[4], const node *to, const float after[4]) {
@@ -154,7 +178,7 @@ static void mark_entry(builder *b, const node *from, const float before[4], cons
     for (int i = 0; i < 4; i++) low = after[i] < low ? after[i] : low;
     if (!(low < 0)) return;
     if (from->state == BEYOND) {
-        b->marks[to->leaf] |= MARK_OPEN | MARK_FIRST;
+        set_marks(b, to->leaf, MARK_OPEN | MARK_FIRST);
         return;
     }
     for (int i = 0; i < 4; i++) {
@@ -166,7 +190,7 @@ static void mark_entry(builder *b, const node *from, const float before[4], cons
     /* The box of `to` holds what is within 1e-5 of its largest corner. */
     if (to->size_log2 != from->size_log2) differ += largest * 0x1p-21f;
     if (to->state == DF_CHILD_SURFACE && differ <= 0.8e-5f * largest_corner(b, to)) return;
-    b->marks[to->leaf] |= MARK_OPEN;
+    set_marks(b, to->leaf, MARK_OPEN);
 }
 
 /* Whether two leaves of a size, neither of which is inside, have the same values on the face between them. */
@@ -184,26 +208,29 @@ static bool fits(const builder *b, const node *low, const node *high, int axis) 
 
 /* Of a leaf and the cell across one of its faces that is no smaller: the samples beyond the face. */
 static void keep_beyond(builder *b, const node *n, const node *cell, int axis, int after) {
-    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-    const uint32_t size = 1u << n->size_log2;
+    const uint32_t u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3;
     if (n->state != DF_CHILD_SURFACE) return;
     if (cell->state == BEYOND) {
-        b->marks[n->leaf] |= MARK_EDGE;
+        set_marks(b, n->leaf, MARK_EDGE);
         return;
     }
     if (cell->size_log2 < n->size_log2) return;
-    int64_t lower[3] = {n->corner[0], n->corner[1], n->corner[2]};
-    float corners[8], value[4], *samples = stencil_of(b, n->leaf);
-    for (uint32_t c = 0; c < 8; c++) corners[c] = leaf_corner(b, cell, c);
-    lower[axis] += after ? (int64_t)size : -(int64_t)size;
-    df_leaf_beyond(lower, n->size_log2, axis, after, cell->corner, 1u << cell->size_log2, corners, value);
-    for (int i = 0; i < 4; i++) {
-        int at[3];
-        at[axis] = after ? 2 : -1;
-        at[u] = i & 1;
-        at[v] = i >> 1;
-        samples[b->fetched[DF_STENCIL(at[0], at[1], at[2])]] = value[i];
+    float *samples = stencil_of(b, n->leaf);
+    const int8_t *number = b->beyond[axis][after];
+    if (cell->size_log2 == n->size_log2) {
+        for (uint32_t i = 0; i < 4; i++) {
+            const uint32_t corner = (uint32_t)after << axis | (i & 1 ? u : 0) | (i & 2 ? v : 0);
+            samples[number[i]] = leaf_corner(b, cell, corner);
+        }
+        return;
     }
+    const int64_t size = (int64_t)1 << n->size_log2;
+    int64_t lower[3] = {n->corner[0], n->corner[1], n->corner[2]};
+    float corners[8], value[4];
+    for (uint32_t c = 0; c < 8; c++) corners[c] = leaf_corner(b, cell, c);
+    lower[axis] += after ? size : -size;
+    df_leaf_beyond(lower, n->size_log2, axis, after, cell->corner, 1u << cell->size_log2, corners, value);
+    for (int i = 0; i < 4; i++) samples[number[i]] = value[i];
 }
 
 /* Two cells that share a part of a face, `low` before it along the axis. */
@@ -232,13 +259,18 @@ static void visit_face(builder *b, const node *low, const node *high, int axis) 
     }
 }
 
-/* All faces between leaves in a cell. */
+/* All faces between leaves in a cell. Large cells are tasks. */
 static void visit_faces(builder *b, const node *n) {
     node children[8];
     if (!divided(n)) return;
     for (uint32_t c = 0; c < 8; c++) {
-        children[c] = child_of(b, n, c);
-        visit_faces(b, &children[c]);
+        const node child = children[c] = child_of(b, n, c);
+        if (child.size_log2 < TASK_SIZE_LOG2) {
+            visit_faces(b, &child);
+        } else {
+#pragma omp task firstprivate(b, child)
+            visit_faces(b, &child);
+        }
     }
     for (int axis = 0; axis < 3; axis++) {
         for (uint32_t c = 0; c < 8; c++) {
@@ -249,8 +281,10 @@ static void visit_faces(builder *b, const node *n) {
     }
 }
 
-static void mark_leaves(builder *b) {
+static void mark_leaves(builder *b, uint32_t threads) {
     const node root = root_of(b), beyond = {.state = BEYOND};
+#pragma omp parallel num_threads(threads)
+#pragma omp single
     visit_faces(b, &root);
     for (int axis = 0; axis < 3; axis++) {
         visit_face(b, &beyond, &root, axis);
@@ -276,7 +310,7 @@ static void fill_record(builder *b, const node *n, const uint32_t low[3]) {
     for (uint32_t c = 0; c < 8; c++) corner[c] = leaf_corner(b, n, c);
     if (n->state == DF_CHILD_SURFACE) {
         float *samples = stencil_of(b, n->leaf);
-        for (int c = 0; c < 8; c++) samples[b->fetched[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)]] = corner[c];
+        for (int c = 0; c < 8; c++) samples[b->corners[c]] = corner[c];
         if (mark & MARK_EDGE) samples[0] = NAN;
     }
     voxel |= mark & MARK_OPEN ? DF_SURFACE_WHOLE : df_surface_box(corner, b->margin / (float)(1u << n->size_log2));
@@ -336,7 +370,7 @@ static df_status make_records(builder *b, df_error *err) {
     return DF_OK;
 }
 
-df_status df_surface_make_octree(const df_scene *scene, df_surface *surface, df_error *err) {
+df_status df_surface_make_octree(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err) {
     const df_field *field = scene->field;
     builder b = {.scene = scene, .field = field, .surface = surface, .margin = df_surface_margin(scene)};
     surface->k_shift = 3;
@@ -347,7 +381,7 @@ df_status df_surface_make_octree(const df_scene *scene, df_surface *surface, df_
     if (status == DF_OK) status = make_stencils(&b, err);
     if (status == DF_OK) {
         decode_samples(&b);
-        mark_leaves(&b);
+        mark_leaves(&b, threads);
         status = make_records(&b, err);
     }
     free(b.samples);
