@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const adf_task root_task = {.parent = ADF_NONE, .forced = true};
+
 /* Winding numbers of all rows of samples. */
 static df_status count_windings(adf_tree *t, df_error *err) {
     const df_lattice *l = t->input->lattice;
@@ -52,19 +54,19 @@ static df_status find_signs(adf_tree *t, df_error *err) {
 /* Fits the samples, and divides what that spoils, until nothing is. */
 #define ROUND_MAX 64
 static df_status make_continuous(adf_tree *t, df_adf_report *report, df_error *err) {
-    for (int round = 0;; round++) {
-        adf_task *tasks = NULL;
-        uint32_t count = 0;
-        df_status status = adf_number(t, err);
-        if (status == DF_OK) status = adf_fit(t, err);
-        if (status == DF_OK && round < ROUND_MAX) {
-            status = adf_find_spoiled(t, round, &tasks, &count, err);
-        }
-        if (status == DF_OK && count) status = adf_divide(t, tasks, count, err);
+    adf_task *tasks = NULL;
+    uint32_t count = 1;
+    df_status status = adf_fit(t, &root_task, 1, err);
+    for (int round = 0; status == DF_OK && count && round < ROUND_MAX; round++) {
         free(tasks);
+        tasks = NULL;
+        status = adf_find_spoiled(t, round, &tasks, &count, err);
+        if (status == DF_OK && count) status = adf_divide(t, tasks, count, err);
+        if (status == DF_OK && count) status = adf_fit(t, tasks, count, err);
         report->divided_for_continuity += count;
-        if (status != DF_OK || count == 0) return status;
     }
+    free(tasks);
+    return status == DF_OK ? adf_number(t, err) : status;
 }
 
 /* ---- the slope ---- */
@@ -96,9 +98,8 @@ static void free_nodes(adf_tree *t) {
 }
 
 static df_status divide_from_root(adf_tree *t, df_error *err) {
-    const adf_task root = {.parent = ADF_NONE, .forced = true};
     df_status status = df_alloc((void **)&t->chunks, ADF_CHUNK_COUNT, sizeof *t->chunks, "octree", err);
-    return status == DF_OK ? adf_divide(t, &root, 1, err) : status;
+    return status == DF_OK ? adf_divide(t, &root_task, 1, err) : status;
 }
 
 /* Lists the leaves of a pilot that the slope asks to divide. tasks: room for 8 a node. */
@@ -184,6 +185,8 @@ static void free_tree(adf_tree *t) {
     for (uint32_t s = 0; t->slabs && s < t->slab_count; s++) df_winding_slab_free(&t->slabs[s]);
     free_nodes(t);
     free(t->slabs);
+    free(t->marks);
+    free(t->wishes);
     free(t->order);
     free(t->families);
     df_neighbours_free(&t->neighbours);

@@ -450,6 +450,7 @@ static uint32_t add_node(worker *w, const cell *c) {
     for (int i = 0; i < 8; i++) n->children[i] = ADF_NONE;
     if (c->parent == ADF_NONE) return number;
     adf_node *parent = adf_node_at(t, c->parent);
+    n->parent = 8 * c->parent + c->child;
     parent->children[c->child] = number;
     parent->fitted[c->child] = 0;
     return number;

@@ -13,7 +13,7 @@
 typedef struct adf_node {
     uint32_t corner[3];
     uint32_t level;       /* of its children: 1 for those of the root */
-    uint32_t family;      /* its number breadth first */
+    uint32_t parent;      /* 8 * node + child of the cell that was divided; 0 for the root */
     uint32_t children[8]; /* nodes, or ADF_NONE */
     uint8_t crossed[8];   /* the surface may cross the child */
     uint8_t fitted[8];    /* fit and misfit are known: of undivided crossed children larger than a voxel */
@@ -27,6 +27,19 @@ typedef struct adf_node {
     float exact[27];    /* signed distances */
     float final[27];    /* what is stored; see adf_fit.c */
 } adf_node;
+
+/* What has to be looked at again in a node since cells were divided; bytes, as threads set them. */
+typedef struct adf_marks {
+    uint8_t fresh;  /* it was made since */
+    uint8_t wishes; /* what its leaves want may have changed, */
+    uint8_t final;  /* what it is given, */
+    uint8_t check;  /* and whether its leaves are spoiled */
+} adf_marks;
+
+/* What leaves want of a sample: the sum of weighted moves, and the weights. */
+typedef struct adf_wish {
+    float move, weight;
+} adf_wish;
 
 /* Nodes live in chunks, which threads fill on their own. */
 #define ADF_CHUNK 1024u
@@ -43,11 +56,17 @@ typedef struct adf_tree {
     uint32_t chunk_count;
     uint64_t samples_computed;
 
-    /* Breadth first, once adf_number has run: */
     uint32_t family_count;
-    uint32_t *order; /* by family: its node */
+
+    /* By node, what adf_fit keeps from round to round: */
+    uint32_t room; /* nodes that there is room for */
+    adf_marks *marks;
+    adf_wish (*wishes)[27];   /* NULL where samples stay exact */
+    df_neighbours neighbours; /* around: nodes, by node; starts: where the levels begin in order */
+    uint32_t *order;          /* the nodes in it, by level */
+
+    /* Breadth first, once adf_number has run, and then order as well: */
     df_family *families;
-    df_neighbours neighbours;
 } adf_tree;
 
 #define ADF_SLAB 16u
@@ -70,12 +89,14 @@ typedef struct adf_task {
 /* Works at cells and all below. */
 df_status adf_divide(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *err);
 
-/* Numbers the families, of which there are family_count, breadth first and finds which lie side by side. */
-df_status adf_number(adf_tree *t, df_error *err);
+/* Sets the final values of all nodes, of which adf_divide made those at the tasks and below since the last time: only
+ * what these change is looked at. */
+df_status adf_fit(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *err);
 
-/* Sets the final values of all nodes, and lists the leaves that must be divided, without repetition: *tasks is owned by
- * the caller. */
-df_status adf_fit(adf_tree *t, df_error *err);
-df_status adf_find_spoiled(const adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err);
+/* Lists the leaves that must be divided then, without repetition: *tasks is owned by the caller. */
+df_status adf_find_spoiled(adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err);
+
+/* Numbers the nodes breadth first, and makes families of them; adf_fit must not follow. */
+df_status adf_number(adf_tree *t, df_error *err);
 
 #endif

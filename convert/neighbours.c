@@ -3,6 +3,7 @@
 #include "common/memory.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 /* What the cell of the children's size of a family at `place` has become, -1 to 2 along each axis in units of the
  * children. */
@@ -45,6 +46,11 @@ static void list_cells(uint32_t sample, df_sample_cells *cells) {
     }
 }
 
+void df_neighbours_list_cells(df_neighbours *n) {
+    memset(n->cells, 0, sizeof n->cells);
+    for (uint32_t i = 0; i < DF_FAMILY_SAMPLE_COUNT; i++) list_cells(i, &n->cells[i]);
+}
+
 df_status df_neighbours_find(const df_family *families, uint32_t count, df_neighbours *n, df_error *err) {
     *n = (df_neighbours){.level_count = 1};
     df_status status = df_alloc_raw((void **)&n->around, count, sizeof *n->around, "octree", err);
@@ -53,7 +59,7 @@ df_status df_neighbours_find(const df_family *families, uint32_t count, df_neigh
         if (families[f].parent >> 3 >= n->starts[n->level_count - 1]) n->starts[n->level_count++] = f;
     }
     n->starts[n->level_count] = count;
-    for (uint32_t i = 0; i < DF_FAMILY_SAMPLE_COUNT; i++) list_cells(i, &n->cells[i]);
+    df_neighbours_list_cells(n);
     for (int d = 0; d < 27; d++) n->around[0][d] = d == 13 ? 0 : DF_NEIGHBOUR_BEYOND;
     for (uint32_t level = 1; level < n->level_count; level++) {
 #pragma omp parallel for schedule(static)

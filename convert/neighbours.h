@@ -28,6 +28,8 @@ typedef struct df_neighbours {
 
 /* Families as df_field_finish wants them and leaves them; links are needed. */
 df_status df_neighbours_find(const df_family *families, uint32_t count, df_neighbours *neighbours, df_error *err);
+/* Sets `cells` alone, which are the same for all octrees. */
+void df_neighbours_list_cells(df_neighbours *neighbours);
 void df_neighbours_free(df_neighbours *neighbours);
 
 /* Which of a family's samples hang, by bit: a cell around them is a part of a leaf. The leaf's interpolation there is
