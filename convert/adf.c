@@ -51,12 +51,13 @@ static df_status find_signs(adf_tree *t, df_error *err) {
     return status == DF_OK && sign->made.inverted_components ? count_windings(t, err) : status;
 }
 
-/* Fits the samples, and divides what that spoils, until nothing is. */
+/* Fits the samples after the tasks first given, and divides what that spoils, until nothing is. */
 #define ROUND_MAX 64
-static df_status make_continuous(adf_tree *t, df_adf_report *report, df_error *err) {
+static df_status make_continuous(adf_tree *t, const adf_task *first, uint32_t count, df_adf_report *report,
+                                 df_error *err) {
     adf_task *tasks = NULL;
-    uint32_t count = 1;
-    df_status status = adf_fit(t, &root_task, 1, err);
+    df_status status = adf_fit(t, first, count, err);
+    count = 1;
     for (int round = 0; status == DF_OK && count && round < ROUND_MAX; round++) {
         free(tasks);
         tasks = NULL;
@@ -102,7 +103,7 @@ static df_status divide_from_root(adf_tree *t, df_error *err) {
     return status == DF_OK ? adf_divide(t, &root_task, 1, err) : status;
 }
 
-/* Lists the leaves of a pilot that the slope asks to divide. tasks: room for 8 a node. */
+/* Lists the leaves that the slope asks to divide. tasks: room for 8 a node. */
 static uint32_t list_steep(const adf_tree *t, uint32_t number, adf_task *tasks) {
     const adf_node *n = adf_node_at(t, number);
     uint32_t count = 0;
@@ -114,12 +115,18 @@ static uint32_t list_steep(const adf_tree *t, uint32_t number, adf_task *tasks) 
     return count;
 }
 
-/* Divides a pilot further, after its slope was lowered. */
-static df_status deepen(adf_tree *t, df_error *err) {
-    adf_task *tasks;
-    df_status status = df_alloc_raw((void **)&tasks, 8 * (uint64_t)t->family_count, sizeof *tasks, "octree", err);
+/* Divides further, after the slope was lowered. *tasks, which is the caller's: where. */
+static df_status deepen(adf_tree *t, adf_task **tasks, uint32_t *count, df_error *err) {
+    df_status status = df_alloc_raw((void **)tasks, 8 * (uint64_t)t->family_count, sizeof **tasks, "octree", err);
     if (status != DF_OK) return status;
-    status = adf_divide(t, tasks, list_steep(t, 0, tasks), err);
+    *count = list_steep(t, 0, *tasks);
+    return adf_divide(t, *tasks, *count, err);
+}
+
+static df_status deepen_pilot(adf_tree *t, df_error *err) {
+    adf_task *tasks;
+    uint32_t count;
+    df_status status = deepen(t, &tasks, &count, err);
     free(tasks);
     return status;
 }
@@ -139,7 +146,7 @@ static df_status choose_slope(adf_tree *t, df_error *err) {
         pilot_sum sum = {0, 0};
         last = rms;
         t->slope /= 2;
-        status = t->chunks ? deepen(t, err) : divide_from_root(t, err);
+        status = t->chunks ? deepen_pilot(t, err) : divide_from_root(t, err);
         if (status == DF_OK) sum_pilot(t, adf_node_at(t, 0), 0, &sum);
         rms = sum.area > 0 ? sqrt(sum.square / sum.area) : 0;
     } while (status == DF_OK && rms > target && rms < last);
@@ -192,31 +199,71 @@ static void free_tree(adf_tree *t) {
     df_neighbours_free(&t->neighbours);
 }
 
-df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err) {
+struct df_adf {
+    adf_tree tree;
+    df_adf_input input;
+};
+
+/* Makes the octree continuous after it was divided at the tasks, and the field. */
+static df_status finish(adf_tree *t, const adf_task *tasks, uint32_t count, df_field *field, df_adf_report *report,
+                        df_error *err) {
+    double start = df_now_ms();
+    df_status status = make_continuous(t, tasks, count, report, err);
+    double continuous = df_now_ms();
+    if (status == DF_OK) status = store(t, field, err);
+    report->rms_slope = t->slope;
+    report->samples_computed = t->samples_computed;
+    report->leaves = 7 * (uint64_t)t->family_count + 1;
+    report->continuity_ms += continuous - start;
+    report->structure_ms += df_now_ms() - continuous;
+    if (status != DF_OK) df_field_free(field);
+    return status;
+}
+
+df_status df_adf_start(const df_adf_input *input, df_adf **adf, df_field *field, df_adf_report *report, df_error *err) {
     assert(input->tree || (input->source->is_signed && input->crosses));
-    adf_tree t = {.input = input, .level_count = 1};
     *report = (df_adf_report){0};
+    df_status status = df_alloc((void **)adf, 1, sizeof **adf, "octree", err);
+    if (status != DF_OK) return status;
+    (*adf)->input = *input;
+    adf_tree *t = &(*adf)->tree;
+    *t = (adf_tree){.input = &(*adf)->input, .level_count = 1};
     for (int a = 0; a < 3; a++) {
-        while (1u << t.level_count < input->lattice->voxel_count[a]) t.level_count++;
+        while (1u << t->level_count < input->lattice->voxel_count[a]) t->level_count++;
     }
     double start = df_now_ms();
-    df_status status = input->source->is_signed ? DF_OK : find_signs(&t, err);
+    status = input->source->is_signed ? DF_OK : find_signs(t, err);
     double signs = df_now_ms();
-    t.slope = input->rms_slope > 0 ? input->rms_slope : (double)INFINITY;
-    if (status == DF_OK && !(input->rms_slope > 0) && isfinite(input->rms_error)) status = choose_slope(&t, err);
-    if (status == DF_OK) status = divide_from_root(&t, err);
-    double divided = df_now_ms();
-    if (status == DF_OK) status = make_continuous(&t, report, err);
-    double continuous = df_now_ms();
-    if (status == DF_OK) status = store(&t, field, err);
-    report->rms_slope = t.slope;
-    report->samples_computed = t.samples_computed;
-    report->leaves = 7 * (uint64_t)t.family_count + 1;
+    t->slope = input->rms_slope > 0 ? input->rms_slope : (double)INFINITY;
+    if (status == DF_OK && !(input->rms_slope > 0) && isfinite(input->rms_error)) status = choose_slope(t, err);
+    if (status == DF_OK) status = divide_from_root(t, err);
     report->sign_ms = signs - start;
-    report->divide_ms = divided - signs;
-    report->continuity_ms = continuous - divided;
-    report->structure_ms = df_now_ms() - continuous;
-    if (status != DF_OK) df_field_free(field);
-    free_tree(&t);
+    report->divide_ms = df_now_ms() - signs;
+    return status == DF_OK ? finish(t, &root_task, 1, field, report, err) : status;
+}
+
+df_status df_adf_refine(df_adf *adf, double rms_slope, df_field *field, df_adf_report *report, df_error *err) {
+    adf_tree *t = &adf->tree;
+    adf_task *tasks;
+    uint32_t count;
+    double start = df_now_ms();
+    t->slope = rms_slope;
+    for (uint32_t i = 0; i < t->family_count; i++) t->marks[t->order[i]].check = 1; /* more is asked of all leaves */
+    df_status status = deepen(t, &tasks, &count, err);
+    report->divide_ms += df_now_ms() - start;
+    if (status == DF_OK) status = finish(t, tasks, count, field, report, err);
+    free(tasks);
+    return status;
+}
+
+void df_adf_free(df_adf *adf) {
+    if (adf) free_tree(&adf->tree);
+    free(adf);
+}
+
+df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err) {
+    df_adf *adf;
+    df_status status = df_adf_start(input, &adf, field, report, err);
+    df_adf_free(adf);
     return status;
 }

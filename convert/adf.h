@@ -50,4 +50,16 @@ typedef struct df_adf_report {
  * *field is empty. */
 df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err);
 
+/* An octree that may be divided further after a field was made of it. */
+typedef struct df_adf df_adf;
+
+/* The same as df_adf_build, and keeps the octree; *adf is the caller's on failure, too. What the input points to must
+ * outlive it. */
+df_status df_adf_start(const df_adf_input *input, df_adf **adf, df_field *field, df_adf_report *report, df_error *err);
+
+/* Makes another field, divided for a lower rms_slope. The report goes on from the last. */
+df_status df_adf_refine(df_adf *adf, double rms_slope, df_field *field, df_adf_report *report, df_error *err);
+
+void df_adf_free(df_adf *adf);
+
 #endif

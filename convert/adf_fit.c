@@ -57,7 +57,8 @@ static uint32_t list_fresh(const adf_tree *t, const adf_task *tasks, uint32_t co
     uint32_t listed = 0;
     for (uint32_t i = 0; i < count; i++) {
         const adf_task *task = &tasks[i];
-        list[listed++] = task->parent == ADF_NONE ? 0 : adf_node_at(t, task->parent)->children[task->child];
+        const uint32_t node = task->parent == ADF_NONE ? 0 : adf_node_at(t, task->parent)->children[task->child];
+        if (node != ADF_NONE) list[listed++] = node;
     }
     for (uint32_t i = 0; i < listed; i++) {
         const adf_node *n = adf_node_at(t, list[i]);

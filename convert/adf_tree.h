@@ -96,7 +96,7 @@ df_status adf_fit(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *
 /* Lists the leaves that must be divided then, without repetition: *tasks is owned by the caller. */
 df_status adf_find_spoiled(adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err);
 
-/* Numbers the nodes breadth first, and makes families of them; adf_fit must not follow. */
+/* Numbers the nodes breadth first, and makes families of them, which store() takes. */
 df_status adf_number(adf_tree *t, df_error *err);
 
 #endif

@@ -510,42 +510,50 @@ static df_status check_surface(const char *name, const df_field *field, df_error
                    name, field->voxel_size[0]);
 }
 
-/* slope: 0, or what to use in place of an estimate; see df_adf_input.rms_slope. Becomes what was used. */
-static df_status build_adf(const request *r, surface *s, const df_lattice *lattice, const df_distance_source *source,
-                           double *slope, df_field *field, df_convert_report *report, df_error *err) {
+/* An octree of a mesh or shape, and what it reads while it is built. */
+typedef struct octree {
+    df_face_tree made; /* empty where the source has one */
+    df_shape_cells cells;
+    df_adf *adf;
+    df_adf_report report;
+} octree;
+
+static void free_octree(octree *o) {
+    df_adf_free(o->adf);
+    df_face_tree_free(&o->made);
+}
+
+static df_status start_octree(const request *r, surface *s, const df_lattice *lattice, octree *o, df_field *field,
+                              const df_convert_report *report, df_error *err) {
     const error_bound largest = bound_of(r);
     const bool from_tree = !report->is_shape && r->distance == DISTANCE_EXACT;
-    df_face_tree made = {0};
-    df_shape_cells cells = {&s->shape, lattice};
+    *o = (octree){.cells = {&s->shape, lattice}};
     df_adf_input input = {.name = r->input,
                           .lattice = lattice,
-                          .source = source,
-                          .tree = from_tree          ? df_distance_exact_tree(source)
+                          .source = &s->source,
+                          .tree = from_tree          ? df_distance_exact_tree(&s->source)
                                   : report->is_shape ? NULL
-                                                     : &made,
+                                                     : &o->made,
                           .tree_is_source = from_tree,
                           .crosses = df_shape_crosses,
-                          .crosses_context = &cells,
+                          .crosses_context = &o->cells,
                           .mesh = report->is_shape ? NULL : &s->mesh,
                           .sign = &s->sign,
                           .max_error = bound_in_world(&largest, lattice->voxel_size),
                           .rms_error = bound_in_world(&r->rms_error, lattice->voxel_size),
-                          .rms_slope = *slope,
                           .quiet = r->quiet};
     df_status status = DF_OK;
-    if (input.tree == &made) status = df_face_tree_make(&s->mesh, &made, err);
-    if (status != DF_OK) return status;
-    df_adf_report adf;
-    status = df_adf_build(&input, field, &adf, err);
-    df_face_tree_free(&made);
-    *slope = adf.rms_slope;
-    report->build.samples_computed = adf.samples_computed;
-    report->build.sign_ms = adf.sign_ms;
-    report->build.distance_ms = adf.divide_ms;
-    report->build.structure_ms = adf.continuity_ms + adf.structure_ms;
-    report->leaves = adf.leaves;
-    report->divided_for_continuity = adf.divided_for_continuity;
-    return status;
+    if (input.tree == &o->made) status = df_face_tree_make(&s->mesh, &o->made, err);
+    return status == DF_OK ? df_adf_start(&input, &o->adf, field, &o->report, err) : status;
+}
+
+static void report_octree(const df_adf_report *adf, df_convert_report *report) {
+    report->build.samples_computed = adf->samples_computed;
+    report->build.sign_ms = adf->sign_ms;
+    report->build.distance_ms = adf->divide_ms;
+    report->build.structure_ms = adf->continuity_ms + adf->structure_ms;
+    report->leaves = adf->leaves;
+    report->divided_for_continuity = adf->divided_for_continuity;
 }
 
 /* Measures the field against its source. */
@@ -621,21 +629,25 @@ static df_status check_error(const request *r, const df_field *field, df_error *
                    (largest ? field->error_max : field->error_rms) / (bound->in_world ? 1 : field->voxel_size[0]));
 }
 
-/* Builds an octree; again where the root mean square is larger than asked, as its estimate from a part of the octree
- * may have been too low. It grows about as the square root of the slope. */
+/* Builds an octree; divides it further where the root mean square is larger than asked, as its estimate from a part of
+ * the octree may have been too low. It grows about as the square root of the slope. */
 #define ADF_ATTEMPTS 4
 static df_status build_octree(const request *r, surface *s, const df_lattice *lattice, df_field *field,
                               df_convert_report *report, df_error *err) {
     const double rms = bound_in_world(&r->rms_error, lattice->voxel_size);
-    double slope = 0;
-    for (int attempt = 1;; attempt++) {
-        df_status status = build_adf(r, s, lattice, &s->source, &slope, field, report, err);
-        if (status == DF_OK) status = check_surface(r->input, field, err);
+    octree o;
+    df_status status = start_octree(r, s, lattice, &o, field, report, err);
+    for (int attempt = 1; status == DF_OK; attempt++) {
+        report_octree(&o.report, report);
+        status = check_surface(r->input, field, err);
         if (status == DF_OK) status = store_samples(r, s, field, report, err);
-        if (status != DF_OK || !(field->error_rms > rms) || attempt == ADF_ATTEMPTS) return status;
-        slope *= pow(0.97 * rms / field->error_rms, 2);
+        if (status != DF_OK || !(field->error_rms > rms) || attempt == ADF_ATTEMPTS) break;
+        const double slope = o.report.rms_slope * pow(0.97 * rms / field->error_rms, 2);
         df_field_free(field);
+        status = df_adf_refine(o.adf, slope, field, &o.report, err);
     }
+    free_octree(&o);
+    return status;
 }
 
 static df_status build_field(const request *r, surface *s, df_field *field, df_convert_report *report, df_error *err) {
