@@ -586,9 +586,6 @@ static df_status run(options *opts, session *s, df_error *err) {
     if (opts->verbose && opts->output_path) fprintf(stderr, "df-render: wrote %s\n", opts->output_path);
     if (!opts->bench_frames) status = print_report(opts, s, err);
     if (status == DF_OK && opts->from_path) status = compare_original(opts, s, err);
-    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
-        status = df_fail(err, DF_ERROR_IO, "standard output: %s", strerror(errno));
-    }
     return status;
 }
 
@@ -622,6 +619,9 @@ int main(int argc, char **argv) {
     argp_parse(&argp, argc, argv, 0, NULL, &opts);
     opts.command = command ? command : "df-render";
     df_status status = opts.list_devices ? list_devices(&err) : run(&opts, &s, &err);
+    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
+        status = df_fail(&err, DF_ERROR_IO, "standard output: %s", strerror(errno));
+    }
     if (status != DF_OK) fprintf(stderr, "df-render: %s\n", err.text);
     session_free(&s);
     free(command);
