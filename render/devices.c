@@ -340,13 +340,13 @@ df_status df_devices_frames(df_devices *d, const df_view views[], uint32_t count
     pthread_t threads[DF_DEVICE_MAX];
     bool started[DF_DEVICE_MAX] = {false};
     df_frame_stats sum = {.rays_cast = (uint64_t)count * views[0].width * views[0].height};
-    for (uint32_t i = 0; i < d->part_count; i++) {
+    for (uint32_t i = d->part_count; i-- > 0;) {
         workers[i] = (queue_worker){.queue = &queue, .part = &d->parts[i], .number = i};
         d->parts[i].picture = &pictures[i];
         d->parts[i].status = DF_OK;
-        started[i] = i > 0 && pthread_create(&threads[i], NULL, run_queue, &workers[i]) == 0;
+        if (i > 0) started[i] = pthread_create(&threads[i], NULL, run_queue, &workers[i]) == 0;
+        else run_queue(&workers[i]); /* which is enough where no thread could be started */
     }
-    run_queue(&workers[0]); /* which is enough where no thread could be started */
     for (uint32_t i = 1; i < d->part_count; i++) {
         if (started[i]) pthread_join(threads[i], NULL);
     }

@@ -592,6 +592,29 @@ static cl_int fail_build(cl_program program, cl_uint count, const cl_device_id *
     (void)program, (void)count, (void)ids, (void)options, (void)notify, (void)data;
     return CL_BUILD_PROGRAM_FAILURE;
 }
+/* A transfer that fails although it has made an event, and times that cannot be had. */
+static int events_made, events_released;
+static cl_int (*real_write_image)(cl_command_queue, cl_mem, cl_bool, const size_t *, const size_t *, size_t, size_t,
+                                  const void *, cl_uint, const cl_event *, cl_event *);
+static cl_int write_image_result;
+static cl_int write_image_and_fail(cl_command_queue queue, cl_mem image, cl_bool blocking, const size_t *origin,
+                                   const size_t *region, size_t row, size_t slice, const void *data, cl_uint wait_count,
+                                   const cl_event *wait, cl_event *event) {
+    if (real_write_image(queue, image, blocking, origin, region, row, slice, data, wait_count, wait, event) !=
+        CL_SUCCESS)
+        return CL_INVALID_VALUE;
+    events_made++;
+    return write_image_result;
+}
+static cl_int (*real_release_event)(cl_event);
+static cl_int count_release(cl_event event) {
+    events_released++;
+    return real_release_event(event);
+}
+static cl_int fail_profiling(cl_event event, cl_profiling_info what, size_t size, void *value, size_t *used) {
+    (void)event, (void)what, (void)size, (void)value, (void)used;
+    return CL_PROFILING_INFO_NOT_AVAILABLE;
+}
 static cl_int no_platforms(cl_uint room, cl_platform_id *platforms, cl_uint *count) {
     (void)room, (void)platforms;
     *count = 0;
@@ -679,6 +702,40 @@ static void calls_that_fail_end_in_one_line_that_names_them(void **state) {
     *api = whole;
     df_opencl_renderer_close(renderer);
     free_picture(&picture);
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
+static void the_event_of_an_image_is_released_whatever_fails(void **state) {
+    (void)state;
+    const df_opencl_api *loaded;
+    df_field field;
+    df_scene scene;
+    df_error err;
+    df_opencl_renderer *renderer;
+    if (!devices[device].images) skip();
+    assert_int_equal(df_opencl_load(&loaded, &err), DF_OK);
+    df_opencl_api *api = (df_opencl_api *)(uintptr_t)loaded;
+    const df_opencl_api whole = *api;
+    const df_opencl_options options = {.solve = DF_SOLVE_ROBUST, .gradient = DF_GRADIENT_CENTRAL, .images = true};
+    make_scene(&structures[0], DF_SAMPLE_F32, 0, &field, &scene);
+    real_write_image = whole.EnqueueWriteImage;
+    real_release_event = whole.ReleaseEvent;
+    for (int fault = 0; fault < 2; fault++) {
+        events_made = events_released = 0;
+        write_image_result = fault == 0 ? CL_OUT_OF_RESOURCES : CL_SUCCESS;
+        api->EnqueueWriteImage = write_image_and_fail;
+        api->ReleaseEvent = count_release;
+        if (fault == 1) api->GetEventProfilingInfo = fail_profiling;
+        assert_int_equal(df_opencl_renderer_open(&devices[device], &scene, &options, &renderer, &err),
+                         DF_ERROR_UNSUPPORTED);
+        *api = whole;
+        assert_non_null(strstr(err.text, fault == 0 ? "clEnqueueWriteImage failed with CL_OUT_OF_RESOURCES"
+                                                    : "clGetEventProfilingInfo failed with"));
+        assert_null(renderer);
+        assert_true(events_made > 0);
+        assert_true(events_released >= events_made); /* those of buffers, where memory is not shared, count too */
+    }
     df_scene_free(&scene);
     df_field_free(&field);
 }
@@ -945,6 +1002,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(arbitrary_rays_hit_what_the_scalar_tracer_hits),
         cmocka_unit_test(work_groups_of_any_shape_make_the_same_picture_or_are_refused),
         cmocka_unit_test(calls_that_fail_end_in_one_line_that_names_them),
+        cmocka_unit_test(the_event_of_an_image_is_released_whatever_fails),
         cmocka_unit_test(machines_without_platforms_or_devices_are_told_apart),
         cmocka_unit_test(a_gpu_that_is_lost_in_mid_run_leaves_the_picture_to_the_cpu),
         cmocka_unit_test(device_lists_are_parsed),

@@ -231,8 +231,8 @@ df_status df_opencl_buffer(df_opencl *device, cl_mem_flags flags, uint64_t size,
 
 df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, const char *what, cl_mem *buffer,
                            double *ms, df_error *err) {
-    cl_event event;
-    double part;
+    cl_event event = NULL;
+    double part = 0;
     *buffer = NULL;
     if (size == 0) return DF_OK;
     /* Read only, so the host's bytes are never written although the interface takes a plain pointer. */
@@ -241,8 +241,8 @@ df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, c
     }
     df_status status = create_buffer(device, CL_MEM_READ_ONLY, size, NULL, what, buffer, err);
     if (status != DF_OK) return status;
-    DF_CL(device, EnqueueWriteBuffer, device->queue, *buffer, CL_TRUE, 0, size, data, 0, NULL, &event);
-    status = df_opencl_event_ms(device, event, &part, err);
+    const cl_int code = device->cl->EnqueueWriteBuffer(device->queue, *buffer, CL_TRUE, 0, size, data, 0, NULL, &event);
+    status = df_opencl_blocking_ms(device, code, "clEnqueueWriteBuffer", event, &part, err);
     *ms += part;
     return status;
 }
@@ -255,4 +255,11 @@ df_status df_opencl_event_ms(df_opencl *device, cl_event event, double *ms, df_e
     device->cl->ReleaseEvent(event);
     *ms = (double)(end - start) * 1e-6;
     return df_opencl_check(code, "clGetEventProfilingInfo", device->info.name, err);
+}
+
+df_status df_opencl_blocking_ms(df_opencl *device, cl_int code, const char *call, cl_event event, double *ms,
+                                df_error *err) {
+    if (code == CL_SUCCESS) return df_opencl_event_ms(device, event, ms, err);
+    if (event) device->cl->ReleaseEvent(event);
+    return df_opencl_check(code, call, device->info.name, err);
 }

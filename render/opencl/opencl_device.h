@@ -84,6 +84,10 @@ df_status df_opencl_upload(df_opencl *device, const void *data, uint64_t size, c
 /* The time of a finished command, which is released. */
 df_status df_opencl_event_ms(df_opencl *device, cl_event event, double *ms, df_error *err);
 
+/* The same of a blocking command that has returned `code`: its event, NULL or not, is released in any case. */
+df_status df_opencl_blocking_ms(df_opencl *device, cl_int code, const char *call, cl_event event, double *ms,
+                                df_error *err);
+
 /* The text of all kernels, made from render/opencl and the headers they share with the CPU. */
 extern const char df_opencl_source[];
 

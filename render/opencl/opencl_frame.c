@@ -217,14 +217,14 @@ static df_status upload_image(df_opencl_renderer *r, df_error *err) {
     const cl_image_format format = {CL_R, channels[field->sample_type]};
     const cl_image_desc desc = {
         .image_type = CL_MEM_OBJECT_IMAGE3D, .image_width = size[0], .image_height = size[1], .image_depth = size[2]};
-    cl_event event;
+    cl_event event = NULL;
     cl_int code;
-    double ms;
+    double ms = 0;
     r->image = r->device.cl->CreateImage(r->device.context, CL_MEM_READ_ONLY, &format, &desc, NULL, &code);
     if (!r->image) return df_opencl_check(code, "clCreateImage", info->name, err);
-    DF_CL(&r->device, EnqueueWriteImage, r->device.queue, r->image, CL_TRUE, start, size, 0, 0, field->samples, 0, NULL,
-          &event);
-    df_status status = df_opencl_event_ms(&r->device, event, &ms, err);
+    code = r->device.cl->EnqueueWriteImage(r->device.queue, r->image, CL_TRUE, start, size, 0, 0, field->samples, 0,
+                                           NULL, &event);
+    df_status status = df_opencl_blocking_ms(&r->device, code, "clEnqueueWriteImage", event, &ms, err);
     r->upload_ms += ms;
     return status;
 }
