@@ -15,8 +15,9 @@ typedef uint uint32_t;
 typedef long int64_t;
 typedef ulong uint64_t;
 #define floorf floor
-#define DF_GLOBAL __global /* the memory of fields and rays */
-#define DF_TABLE const     /* constants within a function */
+#define DF_GLOBAL __global                              /* the memory of fields and rays */
+#define DF_TABLE const                                  /* constants within a function */
+#define DF_INLINE inline __attribute__((always_inline)) /* a call would keep the walk's state in memory */
 #define df_bit_count(word) popcount((uint)(word))
 #define df_leading_zeros(word) clz((uint)(word)) /* of a word that is not 0 */
 #else
@@ -26,6 +27,7 @@ typedef ulong uint64_t;
 #include <stdint.h>
 #define DF_GLOBAL
 #define DF_TABLE static const
+#define DF_INLINE inline
 #define df_bit_count(word) ((uint32_t)__builtin_popcount(word))
 #define df_leading_zeros(word) ((uint32_t)__builtin_clz(word))
 #endif

@@ -57,7 +57,8 @@ static inline bool dda_precedes(float t, int axis, dda_event other) {
 
 /* The index along an axis, not the one that the event crosses, of the cell in which the ray goes on after it: between
  * the last plane before the event and the first one after it. */
-static inline int32_t dda_cell_after(const dda_box *box, const dda_ray *ray, int axis, int32_t upward, dda_event at) {
+static DF_INLINE int32_t dda_cell_after(const dda_box *box, const dda_ray *ray, int axis, int32_t upward,
+                                        dda_event at) {
     float position = (ray->origin[axis] + at.t * ray->direction[axis]) * box->inverse_size;
     float low = (float)box->low[axis], high = (float)(box->high[axis] - 1);
     int32_t cell = (int32_t)(position < low ? low : position > high ? high : position), step = upward ? 1 : -1;
@@ -70,7 +71,7 @@ static inline int32_t dda_cell_after(const dda_box *box, const dda_ray *ray, int
 }
 
 /* Places the walk in the cell after an event at which the ray enters the box, or starts in it. */
-static inline void dda_begin(dda_walk *w, const dda_box *box, const dda_ray *ray, dda_event at) {
+static DF_INLINE void dda_begin(dda_walk *w, const dda_box *box, const dda_ray *ray, dda_event at) {
     w->index = box->base;
     for (int a = 0; a < 3; a++) {
         const int32_t upward = ray->direction[a] > 0, first = upward ? box->low[a] : box->high[a] - 1;

@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
 """Joins a kernel file and all that it includes into one text, with #line directives that keep the real names, and writes it as a C array.
+Loops of 2, 3, 4 or 8 turns are marked to be unrolled: PoCL's compiler leaves them, and with them what they index in memory.
 
 usage: embed.py ROOT FILE NAME OUT.cl OUT.c     FILE and what it includes are relative to ROOT"""
 import re
 import sys
+
+SHORT_LOOP = re.compile(r"for \(int (\w+) = 0; \1 < [2348]; \1\+\+\)")
 
 
 def join(root, path, lines):
@@ -15,7 +18,7 @@ def join(root, path, lines):
                 join(root, include.group(1), lines)
                 lines.append(f'#line {number + 1} "{path}"')
             elif not re.match(r"\s*#include", line):  # the rest is for C
-                lines.append(line.rstrip("\n"))
+                lines.append(SHORT_LOOP.sub(r'_Pragma("unroll") \g<0>', line.rstrip("\n")))
 
 
 root, path, name, out_cl, out_c = sys.argv[1:]
