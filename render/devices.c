@@ -38,6 +38,7 @@ struct df_devices {
     uint32_t list_count;
     device_part parts[DF_DEVICE_MAX];
     uint32_t part_count;
+    bool taken_over;              /* by the CPU */
     double shares[DF_DEVICE_MAX]; /* of the picture's rows, by part */
 };
 
@@ -155,6 +156,7 @@ static df_status take_over(df_devices *d, const df_error *reason, df_error *err)
     df_opencl_renderer_close(part->opencl);
     memset(part, 0, sizeof *part);
     d->options.choice.automatic = false;
+    d->taken_over = true;
     return open_cpu(d, part, err);
 }
 
@@ -364,10 +366,30 @@ df_status df_devices_frames(df_devices *d, const df_view views[], uint32_t count
 
 uint32_t df_devices_parts(const df_devices *d) { return d->part_count; }
 
+bool df_devices_taken_over(const df_devices *d) { return d->taken_over; }
+
+/* The counts of a view that a device could not count any more: the CPU makes a picture of it that nobody gets. */
+static df_status count_anew(df_devices *d, const df_view *view, df_frame_stats *stats, df_error *err) {
+    const df_picture none = {.width = view->width, .height = view->height};
+    df_frame_stats counted = {0};
+    df_status status = df_devices_frame(d, view, &none, &counted, err);
+    stats->rays_hitting = counted.rays_hitting;
+    stats->counters = counted.counters;
+    return status;
+}
+
 df_status df_devices_count(df_devices *d, const df_view *view, df_frame_stats *stats, df_error *err) {
     for (uint32_t i = 0; i < d->part_count; i++) {
-        if (d->parts[i].opencl)
-            return df_opencl_renderer_count(d->parts[i].opencl, view, &stats->rays_hitting, &stats->counters, err);
+        if (!d->parts[i].opencl) continue;
+        df_error reason = {0};
+        df_status status =
+            df_opencl_renderer_count(d->parts[i].opencl, view, &stats->rays_hitting, &stats->counters, &reason);
+        if (status != DF_OK && d->options.choice.automatic) {
+            status = take_over(d, &reason, err);
+            return status == DF_OK ? count_anew(d, view, stats, err) : status;
+        }
+        if (status != DF_OK && err) *err = reason;
+        return status;
     }
     return DF_OK; /* the CPU counts as it goes */
 }

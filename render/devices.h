@@ -52,6 +52,10 @@ df_status df_devices_frames(df_devices *devices, const df_view views[], uint32_t
                             uint32_t makers[], df_frame_stats *stats, df_error *err);
 uint32_t df_devices_parts(const df_devices *devices);
 
+/* Whether the CPU has taken over from a device that "auto" chose, or had none to choose: who opens the same devices
+ * again names the CPU, or the reason is told again. */
+bool df_devices_taken_over(const df_devices *devices);
+
 /* What preparing the field took besides reading it: the CPU's precomputation, or the upload. */
 void df_devices_precomputation(const df_devices *devices, double *ms, uint64_t *bytes);
 

@@ -175,10 +175,12 @@ static df_status report_build(df_opencl *device, cl_int code, FILE *log, df_erro
     }
     if (log) fprintf(log, "%s\n", text);
     char *first = strstr(text, "error");
+    const char *hint =
+        first ? "" : ". OpenCL drivers that keep kernels in a cache may need a folder that they can write";
     if (!first) first = text;
     while (first > text && first[-1] != '\n') first--;
-    df_status status = df_fail(err, DF_ERROR_UNSUPPORTED, "%s: the kernels do not build (%s): %.*s", device->info.name,
-                               df_opencl_error_name(code), (int)strcspn(first, "\n"), first);
+    df_status status = df_fail(err, DF_ERROR_UNSUPPORTED, "%s: the kernels do not build (%s): %.*s%s",
+                               device->info.name, df_opencl_error_name(code), (int)strcspn(first, "\n"), first, hint);
     free(text);
     return status;
 }
