@@ -1,9 +1,15 @@
 /*
  * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
  *
- *   df-lab measure FILE.csv [--quick] [FIELD...]
+ *   df-lab measure FILE.csv [--quick] [--uncounted] [FIELD...]
  *       measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or FIELD.dfield:MESH.obj with the
- *       mesh that it was made from
+ *       mesh that it was made from; --uncounted: counts no instructions
+ *
+ *   df-lab choices FILE.csv [--quick] [--uncounted] FIELD...
+ *       measures only what --quality auto chooses and might have chosen; shapes are made at 45 voxels
+ *
+ *   df-lab count FIELD SIZE --quick|--full [--choices]
+ *       draws once what measure (or choices) times: it starts this under callgrind to count instructions
  *   df-lab escape [RAYS]
  *       rays from inside closed fields, with every tracer: none may escape; those without a hit are printed, tangents
  *       apart
@@ -23,6 +29,7 @@
 #include "common/version.h"
 #include "fields.h"
 #include "filters.h"
+#include "instructions.h"
 #include "measure.h"
 #include "mesh_truth.h"
 #include "render/frame.h"
@@ -38,15 +45,16 @@
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* The format of the table counts as a part of the version. */
-#define LAB_VERSION DF_VERSION "-2"
+#define LAB_VERSION DF_VERSION "-3"
 #define KEY_COLUMNS 13
 static const char columns[] =
     "kind,field,size,structure,samples,tracer,intersect,steps,precision,gradient,truth,family,rays,bytes,"
     "tangent,true_positive,false_positive,false_negative,true_negative,leaks,wrong_face,"
     "depth_p50,depth_p99,depth_p999,depth_max,residual_p99,residual_max,normal_p50,normal_p99,normal_max,"
-    "ns_per_ray,ns_per_hit,repeats,field_floor,seed,machine,compiler";
+    "ns_per_ray,ns_per_hit,repeats,isa,instructions_per_ray,counted,bound,field_floor,seed,machine,compiler";
 
 typedef struct method {
     int solve, steps; /* steps as for --steps; 0: there is nothing to choose */
@@ -84,6 +92,14 @@ typedef struct lab_session {
     bool quick;
     const df_kernels *kernels;
     char machine[128];
+    int counter;      /* the processor's own of instructions; negative: none */
+    bool counting;    /* this is the child under callgrind: frames are counted, nothing is written */
+    const char *name; /* the subject as it was named, at this size: for the child */
+    uint32_t size;
+    bool choices_only;
+    bool counted; /* or not to be */
+    bool uncounted;
+    lab_counts counts; /* what the child for the subject under measurement counted */
     df_error *err;
 } lab_session;
 
@@ -159,6 +175,9 @@ typedef struct row {
     const lab_histogram *normal;   /* degrees; NULL: not measured */
     double ns_per_ray, ns_per_hit; /* negative: not measured */
     int repeats;
+    const char *isa;             /* of the times */
+    double instructions_per_ray; /* 0: not counted */
+    double bound;                /* what --quality auto allows, voxels; 0: does not apply */
 } row;
 
 static void row_key(const lab_session *session, const subject *s, const row *r, char *key, size_t size) {
@@ -166,6 +185,21 @@ static void row_key(const lab_session *session, const subject *s, const row *r, 
     snprintf(key, size, "%s,%s,%u,%s,%s,%s,%s,%d,%s,%s,%s,%s,%" PRIu64, r->kind, s->name, subject_size(s),
              df_field_kind_name(s->field.kind), df_sample_type_name(s->field.sample_type), r->tracer, r->intersect,
              r->steps, r->precision, r->gradient, r->truth, r->family, r->rays);
+}
+
+/* How the instructions of a frame are counted: callgrind knows nothing above AVX2. */
+static const char *counting_way(const lab_session *session) {
+    if (session->counter >= 0) return "counter";
+    return session->counts.count ? "callgrind" : "";
+}
+
+static int print_counts(const lab_session *session, char *out, size_t size, const row *r) {
+    int n = snprintf(out, size, ",%s,", r->isa ? r->isa : "");
+    if (r->instructions_per_ray > 0)
+        n += snprintf(out + n, size - (size_t)n, "%.3f,%s,", r->instructions_per_ray, counting_way(session));
+    else n += snprintf(out + n, size - (size_t)n, ",,");
+    if (r->bound > 0) n += snprintf(out + n, size - (size_t)n, "%.3g", r->bound);
+    return n;
 }
 
 static int print_times(char *out, size_t size, const row *r) {
@@ -200,6 +234,7 @@ static df_status write_row(lab_session *session, const subject *s, const row *r)
         at += snprintf(results + at, size - (size_t)at, ",,,,");
     }
     at += print_times(results + at, size - (size_t)at, r);
+    at += print_counts(session, results + at, size - (size_t)at, r);
     snprintf(results + at, size - (size_t)at, ",%.3g,%u,%s,%s", s->field_floor, LAB_SEED, session->machine,
              "gcc " __VERSION__);
     return lab_table_add(&session->table, LAB_VERSION, key, results, session->err);
@@ -262,6 +297,7 @@ typedef struct timing {
     df_renderer *renderer;
     double ms[16];
     df_frame_stats stats;
+    uint64_t instructions; /* of the last frame; 0: not counted */
     row row;
 } timing;
 
@@ -270,38 +306,107 @@ static int compare_doubles(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
+/* Draws all once, each under its row's key. */
+static df_status count_all(lab_session *session, const subject *s, const df_view *view, const df_picture *picture,
+                           timing *timings, int count) {
+    df_status status = DF_OK;
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        char key[512];
+        timings[i].row.rays = (uint64_t)picture->width * picture->height;
+        row_key(session, s, &timings[i].row, key, sizeof key);
+        status = df_renderer_open(&s->scene, &timings[i].options, picture->width, picture->height, &timings[i].renderer,
+                                  session->err);
+        if (status != DF_OK) return status;
+        lab_count_begin();
+        status = df_renderer_frame(timings[i].renderer, view, picture, NULL, session->err);
+        lab_count_end(key);
+        df_renderer_close(timings[i].renderer);
+    }
+    return status;
+}
+
+/* Draws all in turns. The first round warms up. */
+static df_status time_rounds(lab_session *session, const df_view *view, const df_picture *picture, timing *timings,
+                             int count, int repeats) {
+    df_status status = DF_OK;
+    for (int n = -1; n < repeats && status == DF_OK; n++) {
+        for (int i = 0; i < count && status == DF_OK; i++) {
+            memset(&timings[i].stats, 0, sizeof timings[i].stats);
+            const uint64_t before = session->counter >= 0 ? lab_counter_read(session->counter) : 0;
+            status = df_renderer_frame(timings[i].renderer, view, picture, &timings[i].stats, session->err);
+            if (session->counter >= 0) timings[i].instructions = lab_counter_read(session->counter) - before;
+            if (n >= 0) timings[i].ms[n] = timings[i].stats.frame_ms;
+        }
+    }
+    return status;
+}
+
+static df_status write_timing(lab_session *session, const subject *s, timing *t, double rays, int repeats) {
+    row *r = &t->row;
+    char key[512];
+    qsort(t->ms, (size_t)repeats, sizeof(double), compare_doubles);
+    const double ns = 1e6 * t->ms[repeats / 2];
+    r->ns_per_ray = ns / rays;
+    r->ns_per_hit = t->stats.rays_hitting ? ns / (double)t->stats.rays_hitting : -1;
+    r->repeats = repeats;
+    r->rays = (uint64_t)rays;
+    r->isa = t->options.kernels->isa;
+    row_key(session, s, r, key, sizeof key);
+    if (lab_table_has(&session->table, key)) return DF_OK;
+    if (session->counter < 0) t->instructions = lab_counts_find(&session->counts, key);
+    r->instructions_per_ray = (double)t->instructions / rays;
+    return write_row(session, s, r);
+}
+
+/* Counts the frames of the subject in a child under callgrind, once, where the processor's counter cannot be read. */
+static df_status count_subject(lab_session *session) {
+    char text[16];
+    snprintf(text, sizeof text, "%u", session->size);
+    const char *const arguments[] = {
+        "count", session->name, text, session->quick ? "--quick" : "--full", session->choices_only ? "--choices" : NULL,
+        NULL};
+    if (session->counted || session->counter >= 0) return DF_OK;
+    session->counted = true;
+    lab_counts_free(&session->counts);
+    return lab_count_again(arguments, &session->counts, session->err);
+}
+
+static bool all_timed(const lab_session *session, const subject *s, timing *timings, int count, uint64_t rays) {
+    bool all = !session->counting;
+    for (int i = 0; i < count && all; i++) {
+        timings[i].row.rays = rays;
+        all = have_row(session, s, &timings[i].row);
+    }
+    return all;
+}
+
+#define CHOICE_ROWS 1024u /* what --quality auto chooses for, whatever the size of the pictures that are timed */
+static uint32_t picture_size(const lab_session *session) { return session->quick ? 160 : CHOICE_ROWS; }
+
 static df_status time_all(lab_session *session, const subject *s, double distance, timing *timings, int count) {
-    const uint32_t size = session->quick ? 384 : 1024;
-    const int repeats = session->quick ? 3 : 9;
+    const uint32_t size = picture_size(session);
+    const int repeats = session->quick ? 7 : 9;
     df_camera camera;
     df_view view;
+    if (all_timed(session, s, timings, count, (uint64_t)size * size)) return DF_OK;
     uint8_t *rgb = malloc(3 * (size_t)size * size);
+    const df_picture picture = {.width = size, .height = size, .rgb = rgb};
     df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
     df_camera_orbit(&s->field, 40, 20, distance, &camera);
     camera.fov_y = 1;
     if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
+    if (status == DF_OK && session->counting) {
+        status = count_all(session, s, &view, &picture, timings, count);
+        free(rgb);
+        return status;
+    }
+    if (status == DF_OK) status = count_subject(session);
     for (int i = 0; i < count && status == DF_OK; i++) {
         status = df_renderer_open(&s->scene, &timings[i].options, size, size, &timings[i].renderer, session->err);
     }
-    for (int n = -1; n < repeats && status == DF_OK; n++) { /* interleaved; the first round warms up */
-        for (int i = 0; i < count && status == DF_OK; i++) {
-            const df_picture picture = {.width = size, .height = size, .rgb = rgb};
-            memset(&timings[i].stats, 0, sizeof timings[i].stats);
-            status = df_renderer_frame(timings[i].renderer, &view, &picture, &timings[i].stats, session->err);
-            if (n >= 0) timings[i].ms[n] = timings[i].stats.frame_ms;
-        }
-    }
+    if (status == DF_OK) status = time_rounds(session, &view, &picture, timings, count, repeats);
     for (int i = 0; i < count; i++) {
-        if (status == DF_OK) {
-            row *r = &timings[i].row;
-            qsort(timings[i].ms, (size_t)repeats, sizeof(double), compare_doubles);
-            const double ns = 1e6 * timings[i].ms[repeats / 2];
-            r->ns_per_ray = ns / ((double)size * size);
-            r->ns_per_hit = timings[i].stats.rays_hitting ? ns / (double)timings[i].stats.rays_hitting : -1;
-            r->repeats = repeats;
-            r->rays = (uint64_t)size * size;
-            if (!have_row(session, s, r)) status = write_row(session, s, r);
-        }
+        if (status == DF_OK) status = write_timing(session, s, &timings[i], (double)size * size, repeats);
         df_renderer_close(timings[i].renderer);
     }
     free(rgb);
@@ -352,38 +457,72 @@ static df_status measure_times(lab_session *session, const subject *s) {
     return status == DF_OK ? time_all(session, s, 1.6, others, count) : status;
 }
 
-/* What --quality auto chooses at three distances, beside all that it chooses from: the steps of robust with the chosen
- * gradient and with the default one. */
+/* The errors of each timing's method over the rays from an eye, into scores. */
+static df_status score_view(lab_session *session, const subject *s, const df_camera *camera, timing *timings,
+                            lab_score *scores, int count) {
+    const uint64_t rays = session->quick ? 2000 : 100000;
+    double eye[3];
+    df_field_world_to_grid(&s->field, camera->eye, eye);
+    lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .seed = LAB_SEED, .count = rays, .eye = eye};
+    run.truths = calloc(rays, sizeof *run.truths);
+    df_status status = run.truths ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for truths");
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        run.solve = timings[i].options.solve;
+        run.steps = timings[i].options.steps;
+        run.precision = timings[i].options.precision;
+        status = lab_measure(&run, &scores[i], session->err);
+        run.truths_known = true;
+        timings[i].row.score = &scores[i];
+    }
+    free(run.truths);
+    return status;
+}
+
+/* What --quality auto chooses at a distance, beside the first methods of the table with the same gradient. */
+static df_status measure_choice(lab_session *session, const subject *s, double distance, const char *family,
+                                int method_count) {
+    timing timings[METHOD_COUNT + 1];
+    int count = 0;
+    df_camera camera;
+    df_quality quality;
+    df_view view;
+    const uint32_t size = picture_size(session);
+    df_camera_orbit(&s->field, 40, 20, distance, &camera);
+    camera.fov_y = 1;
+    df_quality_choose(&s->field, &camera, CHOICE_ROWS, true, &quality);
+    df_status status = df_view_make(&camera, &s->field, size, size, &view, session->err);
+    if (status != DF_OK) return status;
+    const df_tracer *tracer = df_tracer_choose(&s->scene, &view, NULL);
+    timings[count++] = make_timing(session, "auto", tracer, (method){quality.solve, quality.steps, quality.precision},
+                                   quality.gradient);
+    timings[0].row.bound = quality.bound;
+    for (int m = 0; m < method_count; m++)
+        timings[count++] = make_timing(session, "front", tracer, methods[m], quality.gradient);
+    lab_score *scores = calloc((size_t)count, sizeof *scores);
+    if (!scores) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for scores");
+    for (int i = 0; i < count; i++) {
+        timings[i].row.family = family;
+        timings[i].row.truth = "field";
+    }
+    if (!session->counting && !all_timed(session, s, timings, count, (uint64_t)size * size))
+        status = score_view(session, s, &camera, timings, scores, count);
+    if (status == DF_OK) status = time_all(session, s, distance, timings, count);
+    free(scores);
+    return status;
+}
+
 static df_status measure_auto(lab_session *session, const subject *s) {
     static const struct {
         double distance;
         const char *family;
-    } places[] = {{0.9, "distance 0.9"}, {6, "distance 6"}, {40, "distance 40"}};
-    static const int steps[] = {1, 2, 3, 4, 6, 16};
+        int method_count;
+    } places[] = {{0.9, "distance 0.9", METHOD_COUNT},
+                  {1.6, "distance 1.6", 0}, /* that of the chart, which has the methods already */
+                  {6, "distance 6", METHOD_COUNT},
+                  {40, "distance 40", METHOD_COUNT}};
     df_status status = DF_OK;
-    for (int p = 0; p < 3 && status == DF_OK; p++) {
-        timing timings[25];
-        int count = 0;
-        df_camera camera;
-        df_quality quality;
-        df_camera_orbit(&s->field, 40, 20, places[p].distance, &camera);
-        camera.fov_y = 1;
-        const uint32_t size = session->quick ? 384 : 1024;
-        df_view view;
-        df_quality_choose(&s->field, &camera, size, true, &quality);
-        status = df_view_make(&camera, &s->field, size, size, &view, session->err);
-        if (status != DF_OK) break;
-        const df_tracer *tracer = df_tracer_choose(&s->scene, &view, NULL);
-        timings[count++] = make_timing(session, "auto-time", tracer,
-                                       (method){quality.solve, quality.steps, quality.precision}, quality.gradient);
-        for (int i = 0; i < 12; i++) {
-            const method m = {DF_SOLVE_ROBUST, steps[i / 2], i % 2 ? DF_PRECISION_F32 : DF_PRECISION_F64};
-            timings[count++] = make_timing(session, "front-time", tracer, m, DF_GRADIENT_CORNER_CENTRAL);
-            timings[count++] = make_timing(session, "front-time", tracer, m, DF_GRADIENT_ANALYTIC);
-        }
-        for (int i = 0; i < count; i++) timings[i].row.family = places[p].family;
-        status = time_all(session, s, places[p].distance, timings, count);
-    }
+    for (int i = 0; i < 4 && status == DF_OK; i++)
+        status = measure_choice(session, s, places[i].distance, places[i].family, places[i].method_count);
     return status;
 }
 
@@ -565,9 +704,42 @@ static df_status find_floor(lab_session *session, subject *s, uint64_t rays) {
     return status;
 }
 
+/* The child: see count_subject. */
+static df_status command_count(int argc, char **argv, df_error *err) {
+    lab_session session = {.err = err, .counter = -1, .counting = true};
+    subject s;
+    session.quick = strcmp(argv[2], "--quick") == 0;
+    df_status status = df_kernels_select("auto", &session.kernels, err);
+    if (status == DF_OK) status = subject_open(&s, argv[0], (uint32_t)atoi(argv[1]), err);
+    if (status != DF_OK) return status;
+    if (argc < 4) status = measure_times(&session, &s);
+    if (status == DF_OK) status = measure_auto(&session, &s);
+    subject_close(&s);
+    return status;
+}
+
+static void start_subject(lab_session *session, const char *name, uint32_t size, bool choices_only) {
+    session->name = name;
+    session->size = size;
+    session->choices_only = choices_only;
+    session->counted = session->uncounted;
+}
+
+/* Only what --quality auto chooses, beside the methods that it might have chosen. */
+static df_status measure_subject_choices(lab_session *session, const char *name, uint32_t size) {
+    subject s;
+    start_subject(session, name, size, true);
+    df_status status = subject_open(&s, name, size, session->err);
+    if (status != DF_OK) return status;
+    status = measure_auto(session, &s);
+    subject_close(&s);
+    return status;
+}
+
 static df_status measure_subject(lab_session *session, const char *name, uint32_t size) {
     subject s;
     const uint64_t rays = session->quick ? 4000 : 1000000;
+    start_subject(session, name, size, false);
     df_status status = subject_open(&s, name, size, session->err);
     if (status == DF_OK) status = find_floor(session, &s, session->quick ? 4000 : 40000);
     if (status == DF_OK && !s.exact && !s.mesh) {
@@ -602,13 +774,41 @@ static void read_machine(char *name, size_t size) {
     if (file) fclose(file);
 }
 
+static df_status session_open(lab_session *session, const char *path, int argc, char **argv, df_error *err) {
+    *session = (lab_session){.err = err, .counter = lab_counter_open()};
+    read_machine(session->machine, sizeof session->machine);
+    for (int i = 0; i < argc; i++) {
+        session->quick |= strcmp(argv[i], "--quick") == 0;
+        session->uncounted |= strcmp(argv[i], "--uncounted") == 0;
+    }
+    if (session->uncounted && session->counter >= 0) close(session->counter);
+    if (session->uncounted) session->counter = -1;
+    df_status status = df_kernels_select("auto", &session->kernels, err);
+    return status == DF_OK ? lab_table_open(path, LAB_VERSION, columns, KEY_COLUMNS, &session->table, err) : status;
+}
+
+static void session_close(lab_session *session) {
+    if (session->counted && !session->uncounted && session->counts.count == 0)
+        fprintf(stderr, "df-lab: no instructions were counted: no counter of the processor and no valgrind\n");
+    lab_table_close(&session->table);
+    lab_counts_free(&session->counts);
+    if (session->counter >= 0) close(session->counter);
+}
+
+static df_status command_choices(int argc, char **argv, df_error *err) {
+    lab_session session;
+    df_status status = session_open(&session, argv[0], argc, argv, err);
+    for (int i = 1; i < argc && status == DF_OK; i++) {
+        if (argv[i][0] != '-') status = measure_subject_choices(&session, argv[i], 45);
+    }
+    session_close(&session);
+    return status;
+}
+
 static df_status command_measure(int argc, char **argv, df_error *err) {
-    lab_session session = {.err = err};
+    lab_session session;
     int named = 0;
-    read_machine(session.machine, sizeof session.machine);
-    for (int i = 1; i < argc; i++) session.quick |= strcmp(argv[i], "--quick") == 0;
-    df_status status = df_kernels_select("auto", &session.kernels, err);
-    if (status == DF_OK) status = lab_table_open(argv[0], LAB_VERSION, columns, KEY_COLUMNS, &session.table, err);
+    df_status status = session_open(&session, argv[0], argc, argv, err);
     for (int i = 1; i < argc && status == DF_OK; i++) {
         if (argv[i][0] == '-') continue;
         named++;
@@ -619,7 +819,7 @@ static df_status command_measure(int argc, char **argv, df_error *err) {
         for (int i = 0; i < LAB_SHAPE_COUNT && status == DF_OK; i++)
             status = measure_subject(&session, lab_shape_names[i], sizes[n]);
     }
-    lab_table_close(&session.table);
+    session_close(&session);
     return status;
 }
 
@@ -795,7 +995,9 @@ int main(int argc, char **argv) {
         const char *name, *usage;
         int least;
         df_status (*run)(int argc, char **argv, df_error *err);
-    } commands[] = {{"measure", "FILE.csv [--quick] [FIELD...]", 1, command_measure},
+    } commands[] = {{"measure", "FILE.csv [--quick] [--uncounted] [FIELD...]", 1, command_measure},
+                    {"choices", "FILE.csv [--quick] [--uncounted] FIELD...", 2, command_choices},
+                    {"count", "FIELD SIZE --quick|--full [--choices]", 3, command_count},
                     {"escape", "[RAYS]", 0, command_escape},
                     {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
                     {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, command_field},

@@ -168,3 +168,13 @@ bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uin
     }
     return false;
 }
+
+void lab_eye_ray(const df_field *field, const double eye[3], uint64_t seed, uint64_t index, double origin[3],
+                 double direction[3]) {
+    uint64_t state = seed + 0x632BE59BD9B4E019u * (index + 1) + LAB_FAMILY_COUNT;
+    lab_random_bits(&state);
+    for (int a = 0; a < 3; a++) {
+        origin[a] = eye[a];
+        direction[a] = lab_random(&state, 0, field->voxel_count[a]) - eye[a];
+    }
+}

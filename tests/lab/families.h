@@ -24,4 +24,8 @@ extern const char *const lab_family_names[LAB_FAMILY_COUNT + 1]; /* ended by NUL
 bool lab_family_ray(const df_field *field, lab_family family, uint64_t seed, uint64_t index, double origin[3],
                     double direction[3]);
 
+/* From an eye to a random point of the field's box: a ray of some pixel that the field may be seen in. */
+void lab_eye_ray(const df_field *field, const double eye[3], uint64_t seed, uint64_t index, double origin[3],
+                 double direction[3]);
+
 #endif

@@ -92,7 +92,8 @@ static void chunk_fill(chunk *c, const lab_run *run, uint64_t first, uint64_t en
     c->rays.count = 0;
     for (uint64_t i = first; i < end; i++) {
         double origin[3], direction[3], scale;
-        if (!lab_family_ray(run->scene->field, run->family, run->seed, i, origin, direction)) continue;
+        if (run->eye) lab_eye_ray(run->scene->field, run->eye, run->seed, i, origin, direction);
+        else if (!lab_family_ray(run->scene->field, run->family, run->seed, i, origin, direction)) continue;
         if (!df_rays_set(&c->rays, c->rays.count, box, origin, direction, &scale)) continue;
         c->number[c->rays.count++] = i;
     }

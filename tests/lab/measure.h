@@ -54,6 +54,7 @@ typedef struct lab_run {
     bool truths_known;
     const lab_mesh *mesh; /* against this instead; NULL: not */
     int precision;        /* DF_PRECISION_... of the solve */
+    const double *eye;    /* grid space: rays from there to the field's box instead of the family's; NULL: not */
 } lab_run;
 
 /* Adds to *score, which starts zeroed. */
