@@ -2,6 +2,7 @@
 """Charts and a page from the table of pipelines/accuracy: accuracy_report.py FOLDER
 
 Reads FOLDER/accuracy.csv and FOLDER/pictures, draws with gnuplot and writes FOLDER/index.html, which needs no other file.
+Exits with 1 when --quality auto is somewhere more than 10 % off the Pareto front, or loses or invents a hit.
 """
 import base64
 import csv
@@ -16,6 +17,8 @@ COLOURS = {"midpoint": "#999999", "linear": "#e69f00", "repeated": "#d55e00", "m
            "robust": "#009e73", "auto": "#000000"}
 LEAST = 1e-16  # errors below are drawn here
 HOLLOW_PPM = 10
+GRADIENT_MARKS = [7, 5, 9, 13, 11, 6, 4, 8]
+NEAR = 1.10  # how far --quality auto may be off the front
 
 
 def number(text):
@@ -56,15 +59,55 @@ def methods_of(table, field, size):
             continue
         families = table.select(kind="solve", truth="field", **key)
         worst = max(errors_ppm(r) for r in families)
-        points.append({"solve": row["intersect"], "precision": row["precision"], "steps": int(row["steps"]), "ns": number(times[0]["ns_per_ray"]),
+        points.append({"solve": row["intersect"], "precision": row["precision"], "steps": int(row["steps"]), "ns": number(times[0]["ns_per_ray"]), "instructions": number(times[0]["instructions_per_ray"]),
                        "p99": max(number(row["depth_p99"]), LEAST), "max": number(row["depth_max"]), "ppm": errors_ppm(row), "worst": worst})
     return points
 
 
-def pareto(points):
-    """The points that no other beats in time and error, among those without errors."""
+def pareto(points, cost):
+    """The points that no other beats in cost and error, among those without errors."""
     sound = [p for p in points if p["worst"] <= HOLLOW_PPM]
-    return [p for p in sound if not any(q["ns"] <= p["ns"] and q["p99"] <= p["p99"] and q is not p for q in sound)]
+
+    def beats(q, p):
+        return q[cost] <= p[cost] and q["p99"] <= p["p99"] and (q[cost] < p[cost] or q["p99"] < p["p99"])
+    return [p for p in sound if not any(beats(q, p) for q in sound)]
+
+
+def cost_column(table):
+    """What choices are judged by: instructions, which repeat, where they were counted; otherwise the clock."""
+    counted = all(r["instructions_per_ray"] for r in table.select(kind="auto") + table.select(kind="front"))
+    return "instructions_per_ray" if counted else "ns_per_ray"
+
+
+def choices(table):
+    """For each view: the row of --quality auto, its wrong rays, and its cost against the cheapest that is sound there and no less
+    exact (the front), and against the cheapest within its bound, which only somebody who knows the truth could choose."""
+    cost, found = cost_column(table), []
+    for row in table.select(kind="auto"):
+        front = table.select(kind="front", field=row["field"], size=row["size"], family=row["family"])
+        if not front:
+            continue
+        sound = [r for r in front if errors_ppm(r) == 0]
+
+        def least(error):
+            return min([number(r[cost]) for r in sound if number(r["depth_p99"]) <= error], default=number(row[cost]))
+        ns = [number(r["ns_per_ray"]) for r in sound if number(r["depth_p99"]) <= number(row["depth_p99"])]
+        found.append({"row": row, "wrong": errors_ppm(row), "ratio": number(row[cost]) / least(number(row["depth_p99"])),
+                      "bound_ratio": number(row[cost]) / least(number(row["bound"])), "ns_ratio": number(row["ns_per_ray"]) / min(ns, default=number(row["ns_per_ray"]))})
+    return found
+
+
+def judge_choices(table):
+    """Prints how near --quality auto is to the front everywhere; returns whether it is near enough."""
+    found = choices(table)
+    if not found:
+        return True
+    worst = max(found, key=lambda c: c["ratio"])
+    wrong = [c for c in found if c["wrong"]]
+    at = "{field} {size} at {family}".format(**worst["row"])
+    print(f"--quality auto: {sum(c['ratio'] <= NEAR for c in found)} of {len(found)} views within {100 * (NEAR - 1):.0f} % of the front in {cost_column(table)}, "
+          f"the farthest {worst['ratio']:.3f} ({at}); {len(wrong)} with a wrong ray")
+    return worst["ratio"] <= NEAR and not wrong
 
 
 def floors(table, field, size):
@@ -89,43 +132,72 @@ def data_block(name, points):
     return f"${name} << EOD\n" + "".join(" ".join(str(v) for v in p) + "\n" for p in points) + "EOD\n"
 
 
-def draw_pareto(table, folder):
-    fields = table.fields()
+def auto_point(table, field, size, column):
+    rows = table.select(kind="auto", field=field, size=size, family="distance 1.6")
+    return [(r[column], max(number(r["depth_p99"]), LEAST)) for r in rows if r[column]]
+
+
+def axis_tics(low, high):
+    """Four round numbers between two, evenly on a logarithmic axis."""
+    return ", ".join(dict.fromkeys(f"{low * (high / low) ** (i / 3):.3g}" for i in range(4)))
+
+
+def draw_pareto(table, folder, name, cost, column, label):
+    fields = [f for f in table.fields() if methods_of(table, *f)]
     columns = 3
-    lines = math.ceil(len(fields) / columns)
-    body = f"set multiplot layout {lines},{columns}\nset logscale xy\nset format y '%.0e'\nset xlabel 'ns/ray'\nset ylabel 'p99 depth error, voxels'\nset grid\n"
+    lines = math.ceil((len(fields) + 1) / columns)
+    body = f"set multiplot layout {lines},{columns}\nset logscale xy\nset format y '10^{{%L}}'\nset xlabel '{label}'\nset ylabel 'p99 depth error, voxels'\nset grid\nunset key\n"
     for n, (field, size) in enumerate(fields):
         points = methods_of(table, field, size)
-        if not points:
-            continue
         floor, pixel = floors(table, field, size)
-        low, high = min(p["ns"] for p in points), max(p["ns"] for p in points)
-        tics = ", ".join(f"{low * (high / low) ** (i / 3):.3g}" for i in range(4))
-        body += f"set title '{field} {size}' noenhanced\nset xtics ({tics})\nset xrange [{low * 0.95}:{high * 1.05}]\nset yrange [{LEAST / 3}:200]\n"
-        body += "set key bottom left samplen 1 font ',8'\n" if n == 0 else "unset key\n"
+        low, high = min(p[cost] for p in points), max(p[cost] for p in points)
+        body += f"set title '{field} {size}' noenhanced\nset xtics ({axis_tics(low, high)})\nset xrange [{low * 0.97}:{high * 1.03}]\nset yrange [{LEAST / 3}:200]\n"
         plots = []
         for solve, precision in [(s, p) for s in SOLVES for p in ("f64", "f32")]:
             curve = sorted((p for p in points if p["solve"] == solve and p["precision"] == precision), key=lambda p: p["steps"])
             if not curve:
                 continue
-            name = f"d{n}_{solve}_{precision}"
+            block = f"d{n}_{solve}_{precision}"
             single = precision == "f32"
-            body += data_block(name, [(p["ns"], p["p99"], min(3, 0.7 + 0.4 * math.log10(1 + p["worst"]))) for p in curve])
-            hollow = max(p["worst"] for p in curve) > HOLLOW_PPM
-            plots.append(f"${name} using 1:2 with lines dt {3 if single else 1} lc rgb '{COLOURS[solve]}' notitle")
-            plots.append(f"${name} using 1:2:3 with points pt {(8 if hollow else 9) if single else (6 if hollow else 7)} ps variable lc rgb '{COLOURS[solve]}' title '{solve} {precision}'")
-        front = sorted(pareto(points), key=lambda p: p["ns"])
-        body += data_block(f"front{n}", [(p["ns"], p["p99"]) for p in front] or [("nan", "nan")])
-        plots.append(f"$front{n} with steps lw 2 dt 2 lc rgb 'black' title 'Pareto front'")
+            body += data_block(block, [(p[cost], p["p99"]) for p in curve])
+            if cost == "instructions":  # by the clock a curve over steps would only connect noise
+                plots.append(f"${block} using 1:2 with lines dt {3 if single else 1} lc rgb '{COLOURS[solve]}'")
+            for hollow in (False, True):
+                marks = [(p[cost], p["p99"], min(3, 0.7 + 0.4 * math.log10(1 + p["worst"]))) for p in curve if (p["worst"] > HOLLOW_PPM) == hollow]
+                if marks:
+                    body += data_block(f"{block}_{hollow}", marks)
+                    plots.append(f"${block}_{hollow} using 1:2:3 with points {point_style(single, hollow)} ps variable lc rgb '{COLOURS[solve]}'")
+        front = sorted(pareto(points, cost), key=lambda p: p[cost])
+        body += data_block(f"front{n}", [(p[cost], p["p99"]) for p in front] or [("nan", "nan")])
+        plots.append(f"$front{n} with steps lw 2 dt 2 lc rgb 'black'")
+        chosen = auto_point(table, field, size, column)
+        if chosen:
+            body += data_block(f"auto{n}", chosen)
+            plots.append(f"$auto{n} with points pt 3 ps 2 lw 2 lc rgb 'black'")
         if floor > 0:
-            plots.append(f"{floor} lc rgb '#aa0000' dt 3 title 'field error (median)'")
-        plots.append(f"{pixel} lc rgb '#0000aa' dt 3 title 'half a pixel at 1024 rows'")
+            plots.append(f"{floor} lc rgb '#aa0000' dt 3")
+        plots.append(f"{pixel} lc rgb '#0000aa' dt 3")
         body += "plot " + ", ".join(plots) + "\n"
-    both_formats(folder, "pareto", 420 * columns, 330 * lines, body + "unset multiplot\n")
+    both_formats(folder, name, 420 * columns, 330 * lines, body + legend_panel() + "unset multiplot\n")
+
+
+def point_style(single, hollow):
+    return f"pt {(8 if hollow else 9) if single else (6 if hollow else 7)}"
+
+
+def legend_panel():
+    """The key of all panels, in a panel of its own: it would hide points."""
+    plots = [f"1/0 with points pt 7 lc rgb '{COLOURS[s]}' title '{s}'" for s in SOLVES]
+    plots += ["1/0 with points pt 7 lc rgb '#666666' title 'f64'", "1/0 with points pt 9 lc rgb '#666666' title 'f32'",
+              f"1/0 with points pt 6 lc rgb '#666666' title 'hollow: over {HOLLOW_PPM} ppm wrong rays'",
+              "1/0 with points pt 3 ps 2 lw 2 lc rgb 'black' title '--quality auto'", "1/0 with lines lw 2 dt 2 lc rgb 'black' title 'Pareto front'",
+              "1/0 with lines lc rgb '#aa0000' dt 3 title 'field error (median)'", "1/0 with lines lc rgb '#0000aa' dt 3 title 'half a pixel at 1024 rows'"]
+    return ("unset title\nunset xtics\nunset ytics\nunset border\nunset xlabel\nunset ylabel\nunset grid\nunset logscale\nset xrange [0:1]\nset yrange [0:1]\n"
+            "set key at graph 0.9,0.95 top right samplen 2 font ',10'\nplot " + ", ".join(plots) + "\n")
 
 
 def draw_storage(table, folder):
-    body = "set logscale xy\nset grid\nset xlabel 'bytes'\nset ylabel 'p99 depth error against the exact surface, voxels'\nset format x '%.0e'\nset key outside right font ',9'\n"
+    body = "set logscale xy\nset grid\nset xlabel 'bytes'\nset ylabel 'p99 depth error against the exact surface, voxels'\nset format x '10^{%L}'\nset format y '10^{%L}'\nset yrange [3e-7:50]\nset key outside right font ',9'\n"
     plots = []
     styles = {"dense": 7, "bricks": 5, "adf": 9}
     shades = {"f32": "#0072b2", "u16": "#009e73", "u8": "#d55e00"}
@@ -144,7 +216,7 @@ def draw_storage(table, folder):
 
 
 def draw_gradients(table, folder):
-    body = "set logscale y\nset grid\nset ylabel 'p99 angle to the exact normal, degrees'\nset style data linespoints\nset xtics rotate by -30\nset key outside right noenhanced\n"
+    body = "set logscale y\nset grid\nset ylabel 'p99 angle to the exact normal, degrees'\nset style data points\nset pointsize 1.6\nset xtics rotate by -30\nset key outside right noenhanced\n"
     plots = []
     names = ["analytic", "central", "forward", "backward", "corner-central", "corner-forward", "c0", "crease"]
     tics = ", ".join(f"'{name}' {i}" for i, name in enumerate(names))
@@ -153,7 +225,7 @@ def draw_gradients(table, folder):
         if len(rows) < len(names):
             continue
         body += data_block(f"g{n}", [(i, max(number(rows[name]["normal_p99"]), 1e-3)) for i, name in enumerate(names)])
-        plots.append(f"$g{n} title '{field} {size}'")
+        plots.append(f"$g{n} title '{field} {size}' pt {GRADIENT_MARKS[n % len(GRADIENT_MARKS)]}")
     if plots:
         both_formats(folder, "gradients", 900, 480, body + f"set xtics ({tics})\nset xrange [-0.3:7.3]\nplot " + ", ".join(plots) + "\n")
 
@@ -217,18 +289,14 @@ def recommendation_table(table):
 
 
 def auto_table(table):
-    """What --quality auto takes at each distance against the cheapest with no fewer steps and the same gradient or a finer one."""
+    """What --quality auto takes at each distance, and how far that is from the front."""
     rows = []
-    for row in table.select(kind="auto-time"):
-        same = {"field": row["field"], "size": row["size"], "family": row["family"], "kind": "front-time"}
-        front = [r for r in table.select(**same) if int(r["steps"]) >= int(row["steps"]) and r["gradient"] in (row["gradient"], "corner-central")]
-        default = table.select(**same, steps="16", precision="f64", gradient="corner-central")
-        if not front or not default:
-            continue
-        least, ns = min(number(r["ns_per_ray"]) for r in front), number(row["ns_per_ray"])
-        rows.append([row["field"], row["family"], f'{row["intersect"]} {row["steps"]}', row["gradient"], short(ns), f"{ns / least:.2f}",
-                     f"{ns / number(default[0]['ns_per_ray']):.2f}"])
-    return html_table(["field", "eye", "intersect", "gradient", "ns/ray", "time / the front's", "time / default's"], rows)
+    for c in choices(table):
+        r = c["row"]
+        rows.append([f'{r["field"]} {r["size"]}', r["family"], f'{r["intersect"]} {r["steps"]} {r["precision"]}', r["gradient"], r["bound"], r["depth_p99"], f'{c["wrong"]:.3g}',
+                     r["instructions_per_ray"], r["ns_per_ray"], f'{c["ratio"]:.3f}', f'{c["bound_ratio"]:.3f}', f'{c["ns_ratio"]:.2f}'])
+    return html_table(["field", "eye", "intersect", "gradient", "bound, voxels", "p99 error", "wrong rays, ppm", "instructions/ray", "ns/ray", "cost / the front's",
+                       "cost / the cheapest's within the bound", "time / the front's"], rows)
 
 
 def mesh_table(table):
@@ -239,7 +307,7 @@ def mesh_table(table):
 
 def all_rows(table):
     chosen = ["kind", "field", "size", "structure", "samples", "tracer", "intersect", "steps", "precision", "gradient", "truth", "family", "rays", "tangent", "true_positive",
-              "false_positive", "false_negative", "true_negative", "leaks", "wrong_face", "depth_p50", "depth_p99", "depth_max", "normal_p99", "ns_per_ray", "bytes"]
+              "false_positive", "false_negative", "true_negative", "leaks", "wrong_face", "depth_p50", "depth_p99", "depth_max", "normal_p99", "ns_per_ray", "instructions_per_ray", "bytes"]
     return html_table(chosen, [[r[c] for c in chosen] for r in table.rows])
 
 
@@ -253,6 +321,11 @@ def pictures(folder):
                 out += f"<figure><img src='{inline_png(path + '.png')}'><br><img src='{inline_png(path + '-error.png')}'><figcaption>{solve}</figcaption></figure>"
         out += "</div>\n"
     return out
+
+
+def counted_text(table):
+    ways = {(r["counted"], r["isa"]) for r in table.rows if r["counted"]}
+    return ", ".join(sorted(f"{way}, {isa}" for way, isa in ways)) or "no counter of the processor could be read, and valgrind is missing, so there are none"
 
 
 def write_page(table, folder):
@@ -270,9 +343,10 @@ until a cubic term of rounding size spoils it.</p>
 Errors are those of the solver against the trilinear field in quad precision; times are medians of whole frames, one thread, rays to shaded picture.</p>
 <h2>Which method</h2>{summary_table(table)}
 <h2>The cheapest that a scene needs</h2><p>The cheapest method without errors whose p99 error lies under a tenth of the higher of two floors.</p>{recommendation_table(table)}
-<h2>What --quality auto takes</h2><p>Beside the cheapest whose steps and gradient are no coarser; ratios scatter by the noise of the machine.</p>{auto_table(table)}
+<h2>What --quality auto takes</h2><p>Against the measured front at three distances (rays from the eye to the field): the cheapest method with the same gradient that has no wrong ray there and is no less exact. Cost is {cost_column(table)}. The cheapest within the bound is known only after the truth is: it is another method in each view. The last column is the clock, which scatters by the noise of the machine.</p>{auto_table(table)}
 <h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p>{mesh_table(table)}
 <h2>Error against time</h2><p>Markers grow with the worst errors over all families of rays; hollow: a method with more than {HOLLOW_PPM} ppm.</p>{inline_svg(folder, "pareto")}
+<h2>Error against instructions</h2><p>The same, counted: {counted_text(table)}.</p>{inline_svg(folder, "pareto-instructions")}
 <h2>Error against bytes</h2>{inline_svg(folder, "storage")}
 <h2>Normals</h2>{inline_svg(folder, "gradients")}
 <h2>What failing looks like</h2><p>Above the picture, below its depth error: blue 1e-6 voxel and less, green 1e-3, red 1 and more; magenta a hole, white a hit of nothing.</p>{pictures(folder)}
@@ -287,10 +361,14 @@ def main():
         sys.exit("usage: accuracy_report.py FOLDER")
     folder = sys.argv[1]
     table = Table(os.path.join(folder, "accuracy.csv"))
-    draw_pareto(table, folder)
+    draw_pareto(table, folder, "pareto", "ns", "ns_per_ray", "ns/ray")
+    if cost_column(table) == "instructions_per_ray":
+        draw_pareto(table, folder, "pareto-instructions", "instructions", "instructions_per_ray", "instructions/ray")
     draw_storage(table, folder)
     draw_gradients(table, folder)
     write_page(table, folder)
+    if not judge_choices(table):
+        sys.exit(1)
 
 
 main()
