@@ -160,6 +160,7 @@ static const char *const columns[] = {
     "cells_tested_per_ray",
     "mean_active_lanes",
     "precompute_ms",
+    "extract_ms",
     "precompute_bytes",
     "phase_begin_ms",
     "phase_rays_ms",

@@ -396,11 +396,12 @@ df_status df_devices_count(df_devices *d, const df_view *view, df_frame_stats *s
 
 /* ---- reports ---- */
 
-void df_devices_precomputation(const df_devices *d, double *ms, uint64_t *bytes) {
+void df_devices_precomputation(const df_devices *d, double *ms, double *extract_ms, uint64_t *bytes) {
     *ms = d->scene->precompute_ms;
+    *extract_ms = 0;
     *bytes = d->scene->precompute_bytes;
     for (uint32_t i = 0; i < d->part_count; i++) {
-        if (d->parts[i].cpu) df_renderer_precomputation(d->parts[i].cpu, ms, bytes);
+        if (d->parts[i].cpu) df_renderer_precomputation(d->parts[i].cpu, ms, extract_ms, bytes);
     }
 }
 

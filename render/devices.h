@@ -56,8 +56,9 @@ uint32_t df_devices_parts(const df_devices *devices);
  * again names the CPU, or the reason is told again. */
 bool df_devices_taken_over(const df_devices *devices);
 
-/* What preparing the field took besides reading it: the CPU's precomputation, or the upload. */
-void df_devices_precomputation(const df_devices *devices, double *ms, uint64_t *bytes);
+/* What preparing the field took besides reading it: the CPU's precomputation, or the upload. extract_ms: the part of it
+ * that made a mesh. */
+void df_devices_precomputation(const df_devices *devices, double *ms, double *extract_ms, uint64_t *bytes);
 
 /* Completes the counts of hits and steps of a picture: a figure for reports, outside all timing. */
 df_status df_devices_count(df_devices *devices, const df_view *view, df_frame_stats *stats, df_error *err);

@@ -505,7 +505,7 @@ static df_status render(options *opts, session *s, df_error *err) {
     s->report.settings = settings;
     s->report.kernels = opts->kernels;
     s->report.threads = opts->threads;
-    df_devices_precomputation(s->devices, &s->report.precompute_ms, &s->report.precompute_bytes);
+    df_devices_precomputation(s->devices, &s->report.precompute_ms, &s->report.extract_ms, &s->report.precompute_bytes);
     if (opts->bench_frames) return DF_OK;
     if (opts->heat) return draw_heat(opts, s, err);
     return df_devices_frame(s->devices, &s->view, &s->picture, &s->report.stats, err);

@@ -112,9 +112,10 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     return status;
 }
 
-void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_t *bytes) {
+void df_renderer_precomputation(const df_renderer *renderer, double *ms, double *extract_ms, uint64_t *bytes) {
     const df_tracer *tracer = renderer->options.tracer;
     *ms = renderer->scene->precompute_ms + renderer->prepare_ms;
+    *extract_ms = tracer->extract_ms ? tracer->extract_ms(renderer->tracer_state) : 0;
     *bytes = renderer->scene->precompute_bytes + (tracer->bytes ? tracer->bytes(renderer->tracer_state) : 0);
 }
 

@@ -51,7 +51,7 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
 void df_renderer_close(df_renderer *renderer);
 
 /* What preparing the tracer took: once per field and options. */
-void df_renderer_precomputation(const df_renderer *renderer, double *ms, uint64_t *bytes);
+void df_renderer_precomputation(const df_renderer *renderer, double *ms, double *extract_ms, uint64_t *bytes);
 
 /* Renders one picture of the view's size. stats may be NULL. */
 df_status df_renderer_frame(df_renderer *renderer, const df_view *view, const df_picture *picture,

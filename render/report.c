@@ -72,6 +72,7 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "mean_active_lanes", json_real(lanes > 0 ? (double)counters->lanes_active / lanes : 1));
     json_object_set_new(json, "load_ms", json_real(report->load_ms));
     json_object_set_new(json, "precompute_ms", json_real(report->precompute_ms));
+    json_object_set_new(json, "extract_ms", json_real(report->extract_ms));
     json_object_set_new(json, "precompute_bytes", json_integer((json_int_t)report->precompute_bytes));
     json_object_set_new(json, "frame_ms", json_real(stats->frame_ms));
     json_object_set_new(json, "ns_per_ray", json_real(stats->frame_ms * 1e6 / rays));

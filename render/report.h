@@ -17,6 +17,7 @@ typedef struct df_report {
     const df_kernels *kernels;
     uint32_t threads, tile;
     double load_ms, precompute_ms;
+    double extract_ms; /* the part of precompute_ms that made a mesh */
     uint64_t precompute_bytes;
 } df_report;
 

@@ -93,6 +93,8 @@ struct df_tracer {
     void (*release)(void *state);
     /* NULL or the bytes that prepare added for the scene, workspaces of threads not counted. */
     uint64_t (*bytes)(const void *state);
+    /* NULL or the time within prepare that went into extracting a mesh. */
+    double (*extract_ms)(const void *state);
     /* NULL, or false where the tracer cannot do this view (tiles without a view are arbitrary rays: view is NULL). */
     bool (*suits)(const df_scene *scene, const df_view *view);
     /* NULL or called once before the tiles of a picture, or of some rows of it. */

@@ -91,6 +91,8 @@ static uint64_t embree_bytes(const void *opaque) {
     return df_mc_model_bytes(&state->model) + (uint64_t)atomic_load(&((embree_state *)state)->bytes);
 }
 
+static double embree_extract_ms(const void *opaque) { return ((const embree_state *)opaque)->model.extract_ms; }
+
 /* A packet as arrays, whatever its width. */
 typedef struct packet {
     _Alignas(64) int valid[16];
@@ -187,5 +189,6 @@ const df_tracer df_tracer_mc_embree = {
     .prepare = embree_prepare,
     .release = embree_release,
     .bytes = embree_bytes,
+    .extract_ms = embree_extract_ms,
     .trace = embree_trace,
 };

@@ -98,6 +98,8 @@ static uint64_t raster_bytes(const void *opaque) {
     return 2 * df_mc_model_bytes(&((const raster_state *)opaque)->model);
 }
 
+static double raster_extract_ms(const void *opaque) { return ((const raster_state *)opaque)->model.extract_ms; }
+
 static df_status reserve(raster_state *state, uint64_t pixels, df_error *err) {
     if (pixels <= state->pixel_capacity) return DF_OK;
     free(state->pixels);
@@ -170,6 +172,7 @@ const df_tracer df_tracer_mc_raster = {
     .prepare = raster_prepare,
     .release = raster_release,
     .bytes = raster_bytes,
+    .extract_ms = raster_extract_ms,
     .suits = raster_suits,
     .begin_frame = raster_begin,
     .trace = raster_trace,
