@@ -5,18 +5,20 @@ import math
 import os
 import subprocess
 
-NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "octree (ADF)", "mc-raster": "mesh, rasterised", "mc-embree": "mesh, Embree"}
+NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "octree (ADF)", "mc-raster": "mesh, OpenGL", "mc-embree": "mesh, Embree"}
 COLOURS = {"auto": "#0072b2", "dda": "#999999", "adf": "#cc79a7", "mc-raster": "#d55e00", "mc-embree": "#009e73"}
 
 
 def chart(folder, name, title, x_label, y_label, curves):
-    """curves: by tracer, points (x, y). Logarithmic axes."""
+    """curves: by tracer, points (x, y). Logarithmic axes, marked where the points are; the SVG is small, so that its text is readable on a phone."""
     curves = {tracer: sorted(points) for tracer, points in curves.items() if points}
-    lines = [f'set title "{title}"', f'set xlabel "{x_label}"', f'set ylabel "{y_label}"', "set logscale xy", "set grid", "set key left top",
+    at = sorted({x for points in curves.values() for x, _ in points})
+    marks = ", ".join(f'"{x:.3g}" {x}' for x in at)
+    lines = [f"set xtics ({marks})", f"set xrange [{at[0] / 1.2}:{at[-1] * 1.2}]", f'set title "{title}"', f'set xlabel "{x_label}" offset 0,0.4', f'set ylabel "{y_label}"', "set logscale xy", "set grid", "set key outside bottom center horizontal maxcols 2",
              "set style data linespoints"]
     blocks = "".join(f"$d{i} << EOD\n" + "".join(f"{x} {y}\n" for x, y in points) + "EOD\n" for i, points in enumerate(curves.values()))
     plots = ", ".join(f'$d{i} using 1:2 title "{NAMES.get(t, t)}" lw 2 pt 7 ps 0.8 lc rgb "{COLOURS.get(t, "#000000")}"' for i, t in enumerate(curves))
-    for terminal, extension in ('svg size 640,420 font "sans-serif,13" background "#ffffff"', "svg"), ("pngcairo size 1280,840 font 'sans,22'", "png"):
+    for terminal, extension in ('svg size 420,360 font "sans-serif,13" background "#ffffff"', "svg"), ("pngcairo size 1260,1080 font 'sans,28'", "png"):
         path = os.path.join(folder, f"{name}.{extension}")
         script = blocks + "\n".join([f"set terminal {terminal}", f'set output "{path}"', *lines, "plot " + plots]) + "\n"
         done = subprocess.run(["gnuplot"], input=script, text=True, capture_output=True)
@@ -54,15 +56,19 @@ def growth_words(rows):
     return words
 
 
-def crossing_words(row_ray, row_mesh):
-    """From how many pictures of an unchanged field on the mesh costs less."""
-    name = NAMES[row_mesh["tracer"]]
-    a, f, b, g = row_ray["before_ms"], row_ray["frame_ms"], row_mesh["before_ms"], row_mesh["frame_ms"]
-    if b + g <= a + f and g <= f:
-        return f"{name}: cheaper from the first picture on"
-    if g >= f:
-        return f"{name}: never cheaper; a picture takes {g / f:.1f} times as long, the first {(b + g) / (a + f):.1f} times"
-    return f"{name}: from {max(1, math.ceil((b - a) / (f - g)))} pictures of an unchanged field on the mesh is cheaper"
+def crossing_words(ray, mesh):
+    """From how many pictures of an unchanged field on the mesh costs less, and what a changed field costs."""
+    later, faster = mesh["before_ms"] - ray["before_ms"], ray["frame_ms"] - mesh["frame_ms"]  # n pictures: the mesh saves n * faster - later
+    edit = f"; after an edit, {figure(mesh['edit_ms'])} ms to the next picture, and {figure(ray['edit_ms'])} by ray tracing"
+    name = NAMES[mesh["tracer"]]
+    if faster > later and faster >= 0:
+        return f"{name}: cheaper from the first picture on{edit}"
+    if faster > 0:
+        return f"{name}: from {math.floor(later / faster) + 1} pictures of an unchanged field on the mesh is cheaper{edit}"
+    if faster > later:
+        return f"{name}: cheaper up to {math.ceil(later / faster) - 1} pictures of an unchanged field{edit}"
+    first = (mesh["before_ms"] + mesh["frame_ms"]) / (ray["before_ms"] + ray["frame_ms"])
+    return f"{name}: never cheaper; a picture takes {mesh['frame_ms'] / ray['frame_ms']:.2g} times as long, the first {first:.2g} times{edit}"
 
 
 def data_uri(kind, data):
@@ -73,14 +79,23 @@ def figure(value, digits=3):
     return "" if value in (None, "") else f"{value:.{digits}g}" if isinstance(value, float) else f"{value:,}"
 
 
+def amount(value):
+    """A large count in a few letters."""
+    return "" if value in (None, "", 0) else f"{value / 1e6:.3g} M" if value >= 1e6 else f"{value / 1e3:.3g} k"
+
+
+LINES = [("extract_ms", "extracting the mesh, ms", figure), ("build_ms", "masks, tree or upload, ms", figure), ("frame_ms", "a picture, ms", figure),
+         ("first_ms", "these three: the first, ms", figure), ("edit_ms", "measured after an edit, ms", figure), ("bytes", "bytes kept", amount),
+         ("triangles", "triangles", amount), ("depth_median", "depth off, median voxel", figure), ("depth_p99", "depth off, 99 %", figure),
+         ("mesh_median", "off the original, median voxel", figure), ("mesh_p99", "off the original, 99 %", figure),
+         ("normal_mean_deg", "normals off, mean °", figure), ("pixels_off", "pixels off, share", figure)]
+
+
 def table(rows):
-    columns = [("tracer", "what"), ("before_ms", "before, ms"), ("frame_ms", "picture, ms"), ("edit_ms", "after an edit, ms"), ("bytes", "bytes"),
-               ("triangles", "triangles"), ("depth_median", "depth off, median voxel"), ("depth_p99", "99 % voxel"), ("mesh_median", "off the mesh, median voxel"), ("mesh_p99", "99 % voxel"), ("normal_mean_deg", "normal off, °"),
-               ("pixels_off", "pixels off")]
-    head = "".join(f"<th>{title}</th>" for _, title in columns)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(NAMES.get(str(r[c]), str(r[c]))) if c == 'tracer' else figure(r.get(c))}</td>" for c, _ in columns) + "</tr>"
-                   for r in rows)
-    return f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
+    """A column for each tracer: that fits a phone and paper."""
+    head = "".join(f"<th>{html.escape(NAMES.get(r['tracer'], r['tracer']))}</th>" for r in rows)
+    body = "".join(f"<tr><td>{title}</td>" + "".join(f"<td>{show(r.get(column))}</td>" for r in rows) + "</tr>" for column, title, show in LINES)
+    return f"<div class=wide><table><tr><th></th>{head}</tr>{body}</table></div>"
 
 
 def section(show, rows):
@@ -115,10 +130,18 @@ img { max-width: 100%; height: auto; display: block; } img[hidden] { display: no
 figure { margin: 0; } figcaption { font-size: .85rem; color: #555; }
 .charts, .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 20rem), 1fr)); gap: 1rem; }
 .wipe { position: relative; max-width: 640px; } .wipe img { width: 100%; } .wipe .over { position: absolute; inset: 0; clip-path: inset(0 0 0 50%); }
-.wipe input { width: 100%; margin: .5rem 0; } select { font: inherit; max-width: 45%; }
+.wipe input { width: 100%; height: 2rem; margin: .5rem 0; } .picks { display: grid; grid-template-columns: 1fr 1fr; gap: 1rem; max-width: 640px; }
+select { font: inherit; padding: .3rem; min-width: 0; } .picks .right { justify-self: end; } .row img { border: 1px solid #ddd; width: 100%; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .85rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .6rem; border-bottom: 1px solid #ddd; text-align: right; } th:first-child, td:first-child { text-align: left; } th { font-weight: 600; vertical-align: bottom; }
-@media print { .picks, .wipe input { display: none; } section { break-inside: avoid; } body { max-width: none; } }
+@media (max-width: 30rem) { body { padding: .75rem; } table { font-size: .75rem; } th, td { padding: .3rem .2rem; } }
+@media print {
+  body { max-width: none; padding: 0; font-size: 10pt; } h2 { break-before: page; margin-top: 0; } h2, .picks { break-after: avoid; }
+  .charts, .row { grid-template-columns: 1fr 1fr; } figure, .wipe, table, li { break-inside: avoid; } .wide { overflow: visible; } table { font-size: 8pt; }
+  .wipe input { display: none; } .picks, .wipe { display: grid; grid-template-columns: 1fr 1fr; gap: 1rem; max-width: none; }
+  select { appearance: none; border: 0; background: none; padding: 0; } .picks .right { justify-self: start; }
+  .wipe .over { position: static; clip-path: none !important; }
+}
 """
 SCRIPT = """
 for (const field of document.querySelectorAll('.field')) {
@@ -141,7 +164,8 @@ def write(folder, rows, shows):
     page = ("<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width, initial-scale=1'>"
             f"<title>Ray tracing a field, or drawing its mesh</title><style>{STYLE}</style><body><h1>Ray tracing a field, or drawing its marching-cubes mesh</h1>"
             "<p>The same fields, camera and shading. <i>Before</i> is all that happens between the field in memory and the first picture: masks for ray tracing; "
-            "extraction, tree or upload for the mesh. An edit of the field makes it happen again.</p>"
+            "extraction, tree or upload for the mesh. An edit of the field makes it happen again; that picture is measured as a whole, with what a program "
+            "does but once (compiling shaders, say).</p>"
             f"<div class=charts>{pictures}</div><ul>{growth}</ul>{''.join(section(s, rows) for s in shows)}<script>{SCRIPT}</script></body></html>")
     with open(os.path.join(folder, "index.html"), "w", encoding="utf-8") as file:
         file.write(page)
