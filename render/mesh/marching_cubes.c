@@ -9,6 +9,9 @@
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
 
 enum { SIDE_MAX = 9, FACE_MAX = SIDE_MAX * SIDE_MAX, CUBE_MAX = FACE_MAX * SIDE_MAX };
 #define DENSE_BLOCK 8u
@@ -49,12 +52,19 @@ typedef struct view {
     uint64_t stride[3];
 } view;
 
+/* The samples just beyond a face of a view: values[i * stride[0] + j * stride[1]] on the two next axes; NULL where
+ * nothing is stored. */
+typedef struct beyond {
+    const float *values;
+    uint64_t stride[2];
+} beyond;
+
 /* What a thread works with. */
 typedef struct scratch {
     view view;
-    float samples[CUBE_MAX];  /* decoded, where the field's are not float */
-    float apron[6][FACE_MAX]; /* samples beyond face 2*axis + upper; NaN where nothing is stored */
-    float apron_samples[CUBE_MAX];
+    float samples[CUBE_MAX]; /* decoded, where the field's are not float */
+    beyond apron[6];         /* by face 2*axis + upper */
+    float apron_samples[6][CUBE_MAX];
     uint16_t inside[FACE_MAX];   /* by row y + (k+1) z: bit x is set where the sample is inside */
     uint32_t index[3][CUBE_MAX]; /* by axis and lower end of an edge: its vertex */
     df_mc_patch patch;
@@ -180,16 +190,25 @@ static inline float value_at(const view *v, uint32_t x, uint32_t y, uint32_t z) 
     return v->values[x + y * v->stride[1] + z * v->stride[2]];
 }
 
+/* Bit x is set where row[x] < iso, for x < count. */
+static uint32_t row_inside(const float *row, uint32_t count, float iso) {
+    uint32_t bits = 0, x = 0;
+#ifdef __SSE2__
+    for (; x + 4 <= count; x += 4)
+        bits |= (uint32_t)_mm_movemask_ps(_mm_cmplt_ps(_mm_loadu_ps(row + x), _mm_set1_ps(iso))) << x;
+#endif
+    for (; x < count; x++) bits |= (uint32_t)(row[x] < iso) << x;
+    return bits;
+}
+
 /* The signs of a view's samples as rows of bits. */
 static void find_inside(const grid *g, const view *v, uint16_t inside[FACE_MAX]) {
-    float iso = g->params.iso;
-    uint32_t side = g->k + 1;
+    const float iso = g->params.iso;
+    const uint32_t side = g->k + 1;
     for (uint32_t z = 0; z <= v->voxels[2]; z++) {
         for (uint32_t y = 0; y <= v->voxels[1]; y++) {
             const float *row = v->values + y * v->stride[1] + z * v->stride[2];
-            uint32_t bits = 0;
-            for (uint32_t x = 0; x <= v->voxels[0]; x++) bits |= (uint32_t)(row[x] < iso) << x;
-            inside[y + side * z] = (uint16_t)bits;
+            inside[y + side * z] = (uint16_t)row_inside(row, v->voxels[0] + 1, iso);
         }
     }
 }
@@ -346,9 +365,10 @@ static void index_edges(const grid *g, scratch *s, const uint32_t d[3]) {
     uint32_t layer = (left_y < g->k ? left_y : g->k) + (cell[1] + 1 == g->cell_count[1]);
     uint32_t vertex = b->vertex_first;
     for (uint32_t z = 0; z < owned[2]; z++) {
-        for (uint32_t y = 0; y < layer; y++) {
-            for (uint32_t axis = 0; axis < 3; axis++, row++) {
-                uint32_t bits = *row;
+        for (uint32_t y = 0; y < layer; y++, row += 3) {
+            if (!(row[0] | row[1] | row[2])) continue;
+            for (uint32_t axis = 0; axis < 3; axis++) {
+                const uint32_t bits = row[axis];
                 if (!bits) continue;
                 uint32_t *out = s->index[axis] + side * (y + d[1] * g->k + side * (z + d[2] * g->k)) + d[0] * g->k;
                 if (y < owned[1]) {
@@ -361,34 +381,37 @@ static void index_edges(const grid *g, scratch *s, const uint32_t d[3]) {
     }
 }
 
-/* Loads the samples just beyond the faces of the view, for gradients. */
-static void load_apron(const grid *g, scratch *s) {
-    const view *v = &s->view;
+/* Finds the samples just beyond the faces of the view, for gradients. They are read where a vertex needs them: few are,
+ * and they lie in lines of memory of their own. */
+static void open_apron(const grid *g, scratch *s) {
     for (uint32_t face = 0; face < 6; face++) {
-        uint32_t axis = face / 2, upper = face & 1, u = (axis + 1) % 3, w = (axis + 2) % 3, side = g->k + 1, cell[3];
-        memcpy(cell, v->cell, sizeof cell);
+        const uint32_t axis = face / 2, upper = face & 1, u = axis == 2 ? 0 : axis + 1, w = axis == 0 ? 2 : axis - 1;
+        uint32_t cell[3];
+        memcpy(cell, s->view.cell, sizeof cell);
         cell[axis] += upper ? 1 : (uint32_t)-1;
-        uint32_t slot = cell_slot(g, cell);
+        const uint32_t slot = cell_slot(g, cell);
+        s->apron[face].values = NULL;
+        if (slot == DF_MC_NONE) continue;
         view other;
-        if (slot != DF_MC_NONE) open_view(g, cell, slot, s->apron_samples, &other);
-        for (uint32_t j = 0; j <= v->voxels[w]; j++) {
-            for (uint32_t i = 0; i <= v->voxels[u]; i++) {
-                uint64_t at = (upper ? 1 : g->k - 1) * (slot != DF_MC_NONE ? other.stride[axis] : 0);
-                s->apron[face][i + side * j] =
-                    slot == DF_MC_NONE ? NAN : other.values[at + i * other.stride[u] + j * other.stride[w]];
-            }
-        }
+        open_view(g, cell, slot, s->apron_samples[face], &other);
+        s->apron[face] = (beyond){.values = other.values + (upper ? 1 : g->k - 1) * other.stride[axis],
+                                  .stride = {other.stride[u], other.stride[w]}};
     }
 }
 
+static float beyond_at(const beyond *b, uint32_t i, uint32_t j) {
+    return b->values ? b->values[i * b->stride[0] + j * b->stride[1]] : NAN;
+}
+
 /* Central differences at a sample of the view, per voxel; one-sided where the other side is not stored. */
-static void sample_gradient(const grid *g, const scratch *s, const uint32_t at[3], double gradient[3]) {
+static void sample_gradient(const scratch *s, const uint32_t at[3], double gradient[3]) {
     const view *v = &s->view;
     const float *here = v->values + at[0] + at[1] * v->stride[1] + at[2] * v->stride[2];
     for (uint32_t axis = 0; axis < 3; axis++) {
-        const uint32_t u = axis == 2 ? 0 : axis + 1, w = axis == 0 ? 2 : axis - 1, beside = at[u] + (g->k + 1) * at[w];
-        float low = at[axis] > 0 ? *(here - v->stride[axis]) : s->apron[2 * axis][beside];
-        float high = at[axis] < v->voxels[axis] ? *(here + v->stride[axis]) : s->apron[2 * axis + 1][beside];
+        const uint32_t i = at[axis == 2 ? 0 : axis + 1], j = at[axis == 0 ? 2 : axis - 1];
+        const beyond *lower = &s->apron[2 * axis], *upper = lower + 1;
+        const float low = at[axis] > 0 ? *(here - v->stride[axis]) : beyond_at(lower, i, j);
+        const float high = at[axis] < v->voxels[axis] ? *(here + v->stride[axis]) : beyond_at(upper, i, j);
         gradient[axis] = 0.5 * ((double)high - (double)low);
         if (!isnan(gradient[axis])) continue;
         gradient[axis] = isnan(low) ? isnan(high) ? 0 : (double)high - (double)*here : (double)*here - (double)low;
@@ -408,8 +431,8 @@ static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], u
     for (uint32_t a = 0; a < 3; a++) position[a] = (double)v->cell[a] * g->k + at[a] + (a == axis ? t : 0);
     if (!normal) return;
     double g0[3], g1[3], fallback[3] = {0};
-    sample_gradient(g, s, at, g0);
-    sample_gradient(g, s, end, g1);
+    sample_gradient(s, at, g0);
+    sample_gradient(s, end, g1);
     for (int a = 0; a < 3; a++) g0[a] = (1 - t) * g0[a] + t * g1[a];
     fallback[axis] = high - low;
     df_mc_normal(g->field, g0, fallback, normal);
@@ -418,11 +441,12 @@ static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], u
 static void write_edge_vertices(const grid *g, const block *b, scratch *s, df_mesh *mesh) {
     const uint16_t *row = g->rows + b->row_first;
     uint64_t vertex = b->vertex_first;
-    if (mesh->normals) load_apron(g, s);
+    if (mesh->normals) open_apron(g, s);
     for (uint32_t z = 0; z < s->view.owned[2]; z++) {
-        for (uint32_t y = 0; y < s->view.owned[1]; y++) {
-            for (uint32_t axis = 0; axis < 3; axis++, row++) {
-                for (uint32_t bits = *row; bits; bits &= bits - 1, vertex++) {
+        for (uint32_t y = 0; y < s->view.owned[1]; y++, row += 3) {
+            if (!(row[0] | row[1] | row[2])) continue;
+            for (uint32_t axis = 0; axis < 3; axis++) {
+                for (uint32_t bits = row[axis]; bits; bits &= bits - 1, vertex++) {
                     uint32_t at[3] = {(uint32_t)__builtin_ctz(bits), y, z};
                     edge_vertex(g, s, at, axis, mesh->positions + 3 * vertex,
                                 mesh->normals ? mesh->normals + 3 * vertex : NULL);
