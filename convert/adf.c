@@ -62,6 +62,11 @@ static df_status make_continuous(adf_tree *t, const adf_task *first, uint32_t co
         free(tasks);
         tasks = NULL;
         status = adf_find_spoiled(t, round, &tasks, &count, err);
+        if (status == DF_OK && count == 0) {
+            free(tasks);
+            tasks = NULL;
+            status = adf_find_ridges(t, &tasks, &count, err);
+        }
         if (status == DF_OK && count) status = adf_divide(t, tasks, count, err);
         if (status == DF_OK && count) status = adf_fit(t, tasks, count, err);
         report->divided_for_continuity += count;

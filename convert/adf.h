@@ -10,7 +10,8 @@
  * Then the samples are fitted: each moves to the mean of what the leaves around it would like best, weighted by their
  * areas, but not far; that leaves about half of the error of exact samples. Which side a sample lies on never changes.
  * Samples on the border of a larger leaf take its interpolated value, so that the field is continuous; for leaves that
- * this spoils the larger leaf is divided. With max_error = 0 all samples are exact: the classic octree of full depth.
+ * this spoils the larger leaf is divided. Last, leaves whose samples show that a ridge of the distance lies between
+ * them are tried at more points. With max_error = 0 all samples are exact: the classic octree of full depth.
  */
 #ifndef DF_ADF_H
 #define DF_ADF_H

@@ -133,7 +133,7 @@ static df_status take_in(adf_tree *t, const adf_task *tasks, uint32_t count, df_
     if (status != DF_OK) return status;
     count = list_fresh(t, tasks, count, list);
     insert(t, list, count, fresh);
-    for (uint32_t i = 0; i < count; i++) t->marks[list[i]] = (adf_marks){1, 1, 1, 1};
+    for (uint32_t i = 0; i < count; i++) t->marks[list[i]] = (adf_marks){1, 1, 1, 1, 1};
     free(list);
     assert(starts[t->neighbours.level_count] == t->family_count);
     df_neighbours_list_cells(&t->neighbours);
@@ -236,7 +236,7 @@ static void hand_down(const adf_tree *t, uint32_t node) {
             changed = changed || memcmp(to, &value, sizeof value) != 0;
             *to = value;
         }
-        if (changed) t->marks[number].final = t->marks[number].check = 1;
+        if (changed) t->marks[number].final = t->marks[number].check = t->marks[number].probe = 1;
     }
 }
 
@@ -281,7 +281,7 @@ df_status adf_fit(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *
         for (uint32_t i = starts[level]; i < starts[level + 1]; i++) {
             const uint32_t node = t->order[i];
             if (!t->marks[node].final) continue;
-            if (settle(t, node)) t->marks[node].check = 1;
+            if (settle(t, node)) t->marks[node].check = t->marks[node].probe = 1;
             hand_down(t, node);
             t->marks[node].final = 0;
         }

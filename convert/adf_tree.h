@@ -33,7 +33,8 @@ typedef struct adf_marks {
     uint8_t fresh;  /* it was made since */
     uint8_t wishes; /* what its leaves want may have changed, */
     uint8_t final;  /* what it is given, */
-    uint8_t check;  /* and whether its leaves are spoiled */
+    uint8_t check;  /* whether its leaves are spoiled, */
+    uint8_t probe;  /* and whether they miss a ridge */
 } adf_marks;
 
 /* What leaves want of a sample: the sum of weighted moves, and the weights. */
@@ -95,6 +96,9 @@ df_status adf_fit(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *
 
 /* Lists the leaves that must be divided then, without repetition: *tasks is owned by the caller. */
 df_status adf_find_spoiled(adf_tree *t, int round, adf_task **tasks, uint32_t *count, df_error *err);
+
+/* Lists the leaves that miss a ridge of the distance between their samples: *tasks is owned by the caller. */
+df_status adf_find_ridges(adf_tree *t, adf_task **tasks, uint32_t *count, df_error *err);
 
 /* Numbers the nodes breadth first, and makes families of them, which store() takes. */
 df_status adf_number(adf_tree *t, df_error *err);
