@@ -28,6 +28,7 @@ typedef struct block {
     uint32_t triangle_first;
     uint32_t edge_count; /* owned edges with a vertex */
     uint64_t row_first;  /* in grid.rows: for each z and y that it owns three rows, one an axis, of bits by x */
+    uint32_t row_bytes;  /* 1, or 2 where it owns more than 8 samples along x */
 } block;
 
 typedef struct grid {
@@ -39,7 +40,7 @@ typedef struct grid {
     uint32_t *block_of; /* by brick, or by cell of a dense field: its block, or DF_MC_NONE */
     block *blocks;      /* those at the surface, in the order of their cells */
     uint32_t block_count;
-    uint16_t *rows;
+    uint8_t *rows;
     uint8_t bit_count[1 << SIDE_MAX]; /* of a row */
 } grid;
 
@@ -248,6 +249,28 @@ static void mark_slots(grid *g, uint32_t slot_count, scratch *all) {
     }
 }
 
+/* How many samples a block owns along an axis. */
+static uint32_t owned_samples(const grid *g, const uint32_t cell[3], int axis) {
+    const uint32_t left = g->field->voxel_count[axis] - cell[axis] * g->k;
+    return (left < g->k ? left : g->k) + (cell[axis] + 1 == g->cell_count[axis]);
+}
+
+/* The rows of the three axes at the i-th z and y of a block. */
+static void get_rows(const grid *g, const block *b, uint64_t i, uint32_t row[3]) {
+    const uint8_t *at = g->rows + b->row_first + 3 * i * b->row_bytes;
+    for (int axis = 0; axis < 3; axis++) {
+        row[axis] = b->row_bytes == 1 ? at[axis] : at[2 * axis] | (uint32_t)at[2 * axis + 1] << 8;
+    }
+}
+
+static void put_rows(const grid *g, const block *b, uint64_t i, const uint32_t row[3]) {
+    uint8_t *at = g->rows + b->row_first + 3 * i * b->row_bytes;
+    for (int axis = 0; axis < 3; axis++) {
+        at[axis * b->row_bytes] = (uint8_t)row[axis];
+        if (b->row_bytes == 2) at[2 * axis + 1] = (uint8_t)(row[axis] >> 8);
+    }
+}
+
 /* Sets up the blocks at the surface and the room for their rows. */
 static df_status list_blocks(grid *g, scratch *all, df_error *err) {
     const df_field *field = g->field;
@@ -269,11 +292,9 @@ static df_status list_blocks(grid *g, scratch *all, df_error *err) {
         b->cell = bricks ? field->brick_cells[slot] : slot;
         b->row_first = row_total;
         cell_coordinates(g, b->cell, cell);
-        for (int a = 1; a < 3; a++) {
-            uint32_t left = field->voxel_count[a] - cell[a] * g->k;
-            rows *= (left < g->k ? left : g->k) + (cell[a] + 1 == g->cell_count[a]);
-        }
-        row_total += rows;
+        for (int a = 1; a < 3; a++) rows *= owned_samples(g, cell, a);
+        b->row_bytes = owned_samples(g, cell, 0) > 8 ? 2 : 1;
+        row_total += (uint64_t)rows * b->row_bytes;
     }
     return df_alloc_raw((void **)&g->rows, row_total, sizeof *g->rows, "edges at the surface", err);
 }
@@ -307,15 +328,16 @@ static void count_block(const grid *g, block *b, scratch *s) {
     cell_coordinates(g, b->cell, cell);
     open_view(g, cell, cell_slot(g, cell), s->samples, v);
     find_inside(g, v, s->inside);
-    uint16_t *row = g->rows + b->row_first;
+    uint64_t i = 0;
     uint32_t own_x = (1u << v->owned[0]) - 1, voxels_x = (1u << v->voxels[0]) - 1;
     b->edge_count = b->vertex_first = b->triangle_first = 0;
     for (uint32_t z = 0; z < v->owned[2]; z++) {
-        for (uint32_t y = 0; y < v->owned[1]; y++, row += 3) {
-            uint32_t here = s->inside[y + side * z];
-            row[0] = (uint16_t)((here ^ here >> 1) & voxels_x);
-            row[1] = y < v->voxels[1] ? (uint16_t)((here ^ s->inside[y + 1 + side * z]) & own_x) : 0;
-            row[2] = z < v->voxels[2] ? (uint16_t)((here ^ s->inside[y + side * (z + 1)]) & own_x) : 0;
+        for (uint32_t y = 0; y < v->owned[1]; y++) {
+            const uint32_t here = s->inside[y + side * z];
+            const uint32_t row[3] = {(here ^ here >> 1) & voxels_x,
+                                     y < v->voxels[1] ? (here ^ s->inside[y + 1 + side * z]) & own_x : 0,
+                                     z < v->voxels[2] ? (here ^ s->inside[y + side * (z + 1)]) & own_x : 0};
+            put_rows(g, b, i++, row);
             b->edge_count += (uint32_t)g->bit_count[row[0]] + g->bit_count[row[1]] + g->bit_count[row[2]];
         }
     }
@@ -360,12 +382,13 @@ static void index_edges(const grid *g, scratch *s, const uint32_t d[3]) {
     uint32_t slot = cell_slot(g, cell);
     if (slot == DF_MC_NONE || g->block_of[slot] == DF_MC_NONE) return;
     const block *b = &g->blocks[g->block_of[slot]];
-    const uint16_t *row = g->rows + b->row_first;
-    uint32_t left_y = g->field->voxel_count[1] - cell[1] * g->k; /* how many rows the block has a layer */
-    uint32_t layer = (left_y < g->k ? left_y : g->k) + (cell[1] + 1 == g->cell_count[1]);
+    const uint32_t layer = owned_samples(g, cell, 1);
     uint32_t vertex = b->vertex_first;
+    uint64_t i = 0;
     for (uint32_t z = 0; z < owned[2]; z++) {
-        for (uint32_t y = 0; y < layer; y++, row += 3) {
+        for (uint32_t y = 0; y < layer; y++) {
+            uint32_t row[3];
+            get_rows(g, b, i++, row);
             if (!(row[0] | row[1] | row[2])) continue;
             for (uint32_t axis = 0; axis < 3; axis++) {
                 const uint32_t bits = row[axis];
@@ -439,11 +462,12 @@ static void edge_vertex(const grid *g, const scratch *s, const uint32_t at[3], u
 }
 
 static void write_edge_vertices(const grid *g, const block *b, scratch *s, df_mesh *mesh) {
-    const uint16_t *row = g->rows + b->row_first;
-    uint64_t vertex = b->vertex_first;
+    uint64_t vertex = b->vertex_first, i = 0;
     if (mesh->normals) open_apron(g, s);
     for (uint32_t z = 0; z < s->view.owned[2]; z++) {
-        for (uint32_t y = 0; y < s->view.owned[1]; y++, row += 3) {
+        for (uint32_t y = 0; y < s->view.owned[1]; y++) {
+            uint32_t row[3];
+            get_rows(g, b, i++, row);
             if (!(row[0] | row[1] | row[2])) continue;
             for (uint32_t axis = 0; axis < 3; axis++) {
                 for (uint32_t bits = row[axis]; bits; bits &= bits - 1, vertex++) {
