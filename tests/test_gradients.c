@@ -157,6 +157,44 @@ static double box_error(const df_scene *scene, int method) {
     return sum / count * 180 / M_PI;
 }
 
+/* The 8 samples of a stencil whose lower corner is at `low`, interpolated at p, in double and term by term. */
+static double interpolated(const float stencil[64], const int low[3], const float p[3]) {
+    double sum = 0;
+    for (int c = 0; c < 8; c++) {
+        double weight = 1;
+        for (int a = 0; a < 3; a++) weight *= c >> a & 1 ? (double)p[a] : 1 - (double)p[a];
+        sum += weight * (double)stencil[DF_STENCIL(low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2))];
+    }
+    return sum;
+}
+
+/* Central, forward and backward: differences of values a voxel apart, along each axis its own. */
+static void differences_are_those_of_interpolated_values(void **unused) {
+    (void)unused;
+    static const struct {
+        int method, before, after;
+    } cases[] = {{DF_GRADIENT_CENTRAL, 1, 1}, {DF_GRADIENT_FORWARD, 0, 1}, {DF_GRADIENT_BACKWARD, 1, 0}};
+    uint32_t state = 1;
+    for (int n = 0; n < 300; n++) {
+        float stencil[64], p[3], gradient[3];
+        for (int i = 0; i < 64; i++)
+            stencil[i] = (float)((state = state * 1664525 + 1013904223) >> 8) / 16777216 - 0.5f;
+        for (int a = 0; a < 3; a++) p[a] = (float)((state = state * 1664525 + 1013904223) >> 8) / 16777216;
+        for (int m = 0; m < 3; m++) {
+            df_gradient(cases[m].method, stencil, p, (const float[]){1, 1, 1}, gradient);
+            for (int a = 0; a < 3; a++) {
+                int low[3] = {0, 0, 0}, high[3] = {0, 0, 0};
+                low[a] = -cases[m].before;
+                high[a] = cases[m].after;
+                const double exact = (interpolated(stencil, high, p) - interpolated(stencil, low, p)) /
+                                     (cases[m].before + cases[m].after);
+                if (fabs((double)gradient[a] - exact) > 1e-6)
+                    fail_msg("method %d, axis %d: %g instead of %g", cases[m].method, a, (double)gradient[a], exact);
+            }
+        }
+    }
+}
+
 static void crease_is_nearer_to_the_faces_of_a_box(void **unused) {
     (void)unused;
     df_field field;
@@ -229,6 +267,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(c0_does_not_jump_between_voxels),
         cmocka_unit_test(linear_fields_have_one_gradient),
+        cmocka_unit_test(differences_are_those_of_interpolated_values),
         cmocka_unit_test(crease_is_nearer_to_the_faces_of_a_box),
         cmocka_unit_test(filters_are_exact_on_their_polynomials),
         cmocka_unit_test(bricks_have_the_gradients_of_the_dense_field),
