@@ -125,6 +125,28 @@ static void torn_bricks_are_not_written(void **state) {
     df_field_free(&field);
 }
 
+/* Steps whose multiples would not be normal floats, or finite. */
+static void steps_beyond_floats_are_refused(void **state) {
+    (void)state;
+    static const int exponents[] = {-127, 101};
+    for (int i = 0; i < 2; i++) {
+        df_field field, back;
+        df_error err = {0};
+        char step[16];
+        make(&field, DF_FIELD_DENSE);
+        assert_int_equal(test_field_quantise(&field, DF_SAMPLE_U16, &err), DF_OK);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        assert_int_equal(df_field_read(path_a, DF_READ_COPY, &back, &err), DF_OK);
+        df_field_free(&back);
+        field.step_exponent = exponents[i];
+        snprintf(step, sizeof step, "2^%d", exponents[i]);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        assert_int_equal(df_field_read(path_a, DF_READ_COPY, &back, &err), DF_ERROR_FORMAT);
+        assert_non_null(strstr(err.text, step));
+        df_field_free(&field);
+    }
+}
+
 static void adf_round_trip_is_byte_identical(void **state) {
     (void)state;
     round_trip(DF_FIELD_ADF, DF_READ_COPY);
@@ -288,6 +310,7 @@ int main(void) {
         cmocka_unit_test(packed_bricks_round_trip_is_byte_identical),
         cmocka_unit_test(packed_bricks_come_back_as_they_were),
         cmocka_unit_test(torn_bricks_are_not_written),
+        cmocka_unit_test(steps_beyond_floats_are_refused),
         cmocka_unit_test(adf_round_trip_is_byte_identical),
         cmocka_unit_test(full_octree_has_the_voxels_of_the_dense_field),
         cmocka_unit_test(an_octree_with_a_family_too_many_or_too_few_is_refused),
