@@ -9,12 +9,17 @@ NAMES = {"auto": "ray tracing", "dda": "scalar 3DDDA", "adf": "octree (ADF)", "m
 COLOURS = {"auto": "#0072b2", "dda": "#999999", "adf": "#cc79a7", "mc-raster": "#d55e00", "mc-embree": "#009e73"}
 
 
+def three_digits(x):
+    """Three digits that count, or all of a larger number: never a power of ten."""
+    return f"{x:.3g}" if x < 1000 else f"{x:.0f}"
+
+
 def chart(folder, name, title, x_label, y_label, curves):
     """curves: by tracer, points (x, y). Logarithmic axes, marked where the points are; the SVG is small, so that its text is readable on a phone."""
     curves = {tracer: sorted(points) for tracer, points in curves.items() if points}
     at = sorted({x for points in curves.values() for x, _ in points})
-    marks = ", ".join(f'"{x:.3g}" {x}' for x in at)
-    lines = [f"set xtics ({marks})", f"set xrange [{at[0] / 1.2}:{at[-1] * 1.2}]", f'set title "{title}"', f'set xlabel "{x_label}" offset 0,0.4', f'set ylabel "{y_label}"', "set logscale xy", "set grid", "set key outside bottom center horizontal maxcols 2",
+    marks = ", ".join(f'"{three_digits(x)}" {x}' for x in at)
+    lines = [f"set xtics ({marks})", f"set xrange [{at[0] / 1.2}:{at[-1] * 1.2}]", f'set title "{title}"', f'set xlabel "{x_label}" offset 0,0.4', f'set ylabel "{y_label}"', "set logscale xy", "set grid", "set key outside bottom center horizontal maxcols 2", "set bmargin 6.5",
              "set style data linespoints"]
     blocks = "".join(f"$d{i} << EOD\n" + "".join(f"{x} {y}\n" for x, y in points) + "EOD\n" for i, points in enumerate(curves.values()))
     plots = ", ".join(f'$d{i} using 1:2 title "{NAMES.get(t, t)}" lw 2 pt 7 ps 0.8 lc rgb "{COLOURS.get(t, "#000000")}"' for i, t in enumerate(curves))
