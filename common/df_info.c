@@ -253,9 +253,6 @@ static df_status run(const options *opts, df_error *err) {
     } else {
         print_text(opts->field_path, &field, json);
     }
-    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
-        status = df_fail(err, DF_ERROR_IO, "standard output: %s", strerror(errno));
-    }
 done:
     json_decref(json);
     df_field_free(&field);
@@ -274,6 +271,7 @@ int main(int argc, char **argv) {
     argp_program_version = "df-info " DF_VERSION;
     argp_err_exit_status = 2;
     df_interrupt_install("df-info");
+    df_output_watch_standard("df-info");
     options opts = {0};
     df_error err = {0};
     argp_parse(&argp, argc, argv, 0, NULL, &opts);

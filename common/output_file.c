@@ -8,6 +8,7 @@
 #include <libgen.h>
 #include <limits.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -195,3 +196,12 @@ df_status df_output_buffer(const char *path, const void *data, size_t size, df_e
     df_output_discard(&output);
     return status;
 }
+
+static void finish_standard(int exit_code, void *program) {
+    errno = 0; /* stays 0 where an earlier write failed */
+    if (exit_code != 0 || (fflush(stdout) == 0 && !ferror(stdout))) return;
+    fprintf(stderr, "%s: standard output: %s\n", (const char *)program, errno ? strerror(errno) : "cannot write");
+    _exit(1);
+}
+
+void df_output_watch_standard(const char *program) { on_exit(finish_standard, (void *)(uintptr_t)program); }

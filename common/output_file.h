@@ -46,6 +46,11 @@ df_status df_output_check(const char *path, df_error *err);
 /* Writes a whole buffer to a file: open, write, commit. */
 df_status df_output_buffer(const char *path, const void *data, size_t size, df_error *err);
 
+/* For main, before it parses options: at exit, also from argp's --help and --version, what standard output did not take
+ * becomes "PROGRAM: standard output: REASON" and exit code 1. Says nothing where the program fails anyway. `program`
+ * must stay valid. */
+void df_output_watch_standard(const char *program);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,6 +1,7 @@
 /* df-convert: triangle meshes and analytic shapes to signed distance fields. */
 #include "common/interrupt.h"
 #include "common/options.h"
+#include "common/output_file.h"
 #include "common/version.h"
 #include "convert/convert.h"
 #include "convert/exchange.h"
@@ -67,6 +68,7 @@ int main(int argc, char **argv) {
     df_error err = {0};
     df_request r;
     df_interrupt_install(PROGRAM);
+    df_output_watch_standard(PROGRAM);
     df_status status = df_request_parse(argc, argv, &r, &err);
     if (status == DF_OK && r.threads) omp_set_num_threads((int)r.threads);
     char *derived = status == DF_OK && !r.output ? default_output(r.input) : NULL;
@@ -74,8 +76,6 @@ int main(int argc, char **argv) {
     if (status == DF_OK && !output) status = df_fail(&err, DF_ERROR_MEMORY, "out of memory");
     if (status == DF_OK && df_exchange_is_input(r.input)) status = convert_field(&r, output, &err);
     else if (status == DF_OK) status = r.check ? check_mesh(&r, &err) : df_convert(&r, output, &err);
-    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout)))
-        status = df_fail(&err, DF_ERROR_IO, "stdout: cannot write the report");
     if (status != DF_OK) fprintf(stderr, PROGRAM ": %s\n", err.text);
     free(derived);
     return df_exit_code(status);

@@ -280,7 +280,7 @@ static df_status print_json(const conversion *c, uint64_t peak, df_error *err) {
     if (root && f->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(f->brick_count));
     bool printed = root && json_dumpf(root, stdout, JSON_INDENT(1)) == 0 && printf("\n") > 0;
     json_decref(root);
-    return printed ? DF_OK : df_fail(err, DF_ERROR_IO, "stdout: cannot write");
+    return printed ? DF_OK : df_fail(err, DF_ERROR_IO, "standard output: cannot write");
 }
 
 static df_status report(conversion *c, double start, df_error *err) {

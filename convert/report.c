@@ -172,7 +172,7 @@ df_status df_report_print_json(const df_convert_report *r, const df_field *field
     if (field->kind == DF_FIELD_ADF) json_object_set_new(root, "leaves", json_integer((json_int_t)r->leaves));
     if (field->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(field->brick_count));
     if (json_dumpf(root, stdout, JSON_INDENT(1)) != 0 || printf("\n") < 0)
-        status = df_fail(err, DF_ERROR_IO, "stdout: cannot write");
+        status = df_fail(err, DF_ERROR_IO, "standard output: cannot write");
 done:
     json_decref(root);
     json_decref(more);

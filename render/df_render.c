@@ -13,11 +13,12 @@
 #include "render/quality.h"
 
 #include <argp.h>
-#include <errno.h>
 #include <inttypes.h>
 #include <omp.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* Texts in the PNG. */
 #define TEXT_COMMAND "distfield command"
@@ -592,6 +593,14 @@ static df_status run(options *opts, session *s, df_error *err) {
     return status;
 }
 
+/* OpenGL's library aborts, after a line of its own, where it has too little memory to start before main. */
+static void on_abort(int signal_number) {
+    (void)signal_number;
+    _exit(1);
+}
+static void before_libraries(void) { signal(SIGABRT, on_abort); }
+__attribute__((section(".preinit_array"), used)) static void (*const runs_before_libraries)(void) = before_libraries;
+
 int main(int argc, char **argv) {
     static const struct argp argp = {option_table,
                                      on_option,
@@ -609,7 +618,9 @@ int main(int argc, char **argv) {
     }
     argp_program_version = version;
     argp_err_exit_status = 2;
+    signal(SIGABRT, SIG_DFL);
     df_interrupt_install("df-render");
+    df_output_watch_standard("df-render");
     options opts = {.threads = (uint32_t)omp_get_num_procs(),
                     .isa = "auto",
                     .bench_repeats = 5,
@@ -622,9 +633,6 @@ int main(int argc, char **argv) {
     argp_parse(&argp, argc, argv, 0, NULL, &opts);
     opts.command = command ? command : "df-render";
     df_status status = opts.list_devices ? list_devices(&err) : run(&opts, &s, &err);
-    if (status == DF_OK && (fflush(stdout) != 0 || ferror(stdout))) {
-        status = df_fail(&err, DF_ERROR_IO, "standard output: %s", strerror(errno));
-    }
     if (status != DF_OK) fprintf(stderr, "df-render: %s\n", err.text);
     session_free(&s);
     free(command);

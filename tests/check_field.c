@@ -61,9 +61,13 @@ int main(int argc, char **argv) {
     df_field field = {0};
     df_mesh mesh = {0};
     df_error err = {0};
-    if (argc < 4 || df_field_read(argv[1], DF_READ_COPY, &field, &err) != DF_OK ||
-        df_mesh_read(argv[2], &mesh, &err) != DF_OK) {
-        fprintf(stderr, "check_field: %s\n", argc < 4 ? "FIELD MESH COUNT [any-sign]" : err.text);
+    df_status status = argc < 4 ? df_fail(&err, DF_ERROR_USAGE, "FIELD MESH COUNT [any-sign]")
+                                : df_field_read(argv[1], DF_READ_COPY, &field, &err);
+    if (status == DF_OK && field.kind == DF_FIELD_ADF)
+        status = df_fail(&err, DF_ERROR_USAGE, "%s: an octree's samples are no distances: see check_adf", argv[1]);
+    if (status == DF_OK) status = df_mesh_read(argv[2], &mesh, &err);
+    if (status != DF_OK) {
+        fprintf(stderr, "check_field: %s\n", err.text);
         return 2;
     }
     bool sign = argc < 5;

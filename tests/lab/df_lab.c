@@ -26,6 +26,7 @@
 #include "common/image.h"
 #include "common/memory.h"
 #include "common/options.h"
+#include "common/output_file.h"
 #include "common/version.h"
 #include "fields.h"
 #include "filters.h"
@@ -1004,6 +1005,7 @@ int main(int argc, char **argv) {
                     {"map", "SHAPE SIZE SOLVE FILE.png [PARAMETER]", 4, command_map},
                     {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, command_depth}};
     const int command_count = sizeof commands / sizeof commands[0];
+    df_output_watch_standard("df-lab");
     df_error err = {0};
     for (int i = 0; i < command_count; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
