@@ -265,10 +265,3 @@ void df_adf_free(df_adf *adf) {
     if (adf) free_tree(&adf->tree);
     free(adf);
 }
-
-df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err) {
-    df_adf *adf;
-    df_status status = df_adf_start(input, &adf, field, report, err);
-    df_adf_free(adf);
-    return status;
-}

@@ -47,15 +47,11 @@ typedef struct df_adf_report {
     double sign_ms, divide_ms, continuity_ms, structure_ms;
 } df_adf_report;
 
-/* Builds a finished ADF field, provenance still empty. The bytes do not depend on the number of threads. On failure
- * *field is empty. */
-df_status df_adf_build(const df_adf_input *input, df_field *field, df_adf_report *report, df_error *err);
-
 /* An octree that may be divided further after a field was made of it. */
 typedef struct df_adf df_adf;
 
-/* The same as df_adf_build, and keeps the octree; *adf is the caller's on failure, too. What the input points to must
- * outlive it. */
+/* Builds a finished ADF field, provenance still empty, and keeps the octree; *adf is the caller's on failure, too. What
+ * the input points to must outlive it. The bytes do not depend on the number of threads. On failure *field is empty. */
 df_status df_adf_start(const df_adf_input *input, df_adf **adf, df_field *field, df_adf_report *report, df_error *err);
 
 /* Makes another field, divided for a lower rms_slope. The report goes on from the last. */

@@ -277,6 +277,13 @@ static df_status measure_against(const context *c, df_field *to, double *largest
     return DF_OK;
 }
 
+/* Gives the octree what it takes over from the field, and measures it against that. */
+static df_status finish_octree(const context *c, df_field *to, double *largest, double *rms, df_error *err) {
+    for (int a = 0; a < 3; a++) to->voxel_size[a] = c->from->voxel_size[a];
+    to->verdict = c->from->verdict;
+    return measure_against(c, to, largest, rms, err);
+}
+
 #define ADF_ATTEMPTS 4
 static df_status make_octree(const df_field *from, const df_restructure_request *r, df_field *to, df_error *err) {
     surface_voxels v = {.samples = {from, 0, INFINITY, INFINITY}};
@@ -291,28 +298,26 @@ static df_status make_octree(const df_field *from, const df_restructure_request 
                           .max_error = r->max_error,
                           .rms_error = r->rms_error,
                           .quiet = r->quiet};
+    df_adf *adf = NULL;
     df_adf_report report;
+    double largest = 0, rms = 0;
+    const double rounding = 1e-9 * smallest_voxel(from);
+    *to = (df_field){0};
     df_restructure_lattice(from, 8, &lattice);
     df_status status = find_surface(&v, err);
-    for (int attempt = 1; status == DF_OK; attempt++) {
-        double largest = 0, rms = 0;
-        status = df_adf_build(&input, to, &report, err);
-        if (status != DF_OK) break;
-        for (int a = 0; a < 3; a++) to->voxel_size[a] = from->voxel_size[a];
-        to->verdict = from->verdict;
-        status = measure_against(&v.samples, to, &largest, &rms, err);
-        const double rounding = 1e-9 * smallest_voxel(from);
-        const bool steep = rms > r->rms_error + rounding && attempt < ADF_ATTEMPTS;
-        if (status == DF_OK && !steep && !r->allow_partial &&
-            !(largest <= r->max_error + rounding && rms <= r->rms_error + rounding)) {
-            status = df_fail(err, DF_ERROR_INPUT,
-                             "%s: the error asked for cannot be reached: it is %g, RMS %g; pass --allow-partial",
-                             r->name, largest, rms);
-        }
-        if (status == DF_OK && !steep) break;
+    if (status == DF_OK) status = df_adf_start(&input, &adf, to, &report, err);
+    if (status == DF_OK) status = finish_octree(&v.samples, to, &largest, &rms, err);
+    for (int attempt = 1; status == DF_OK && rms > r->rms_error + rounding && attempt < ADF_ATTEMPTS; attempt++) {
         df_field_free(to);
-        input.rms_slope = report.rms_slope * pow(0.97 * r->rms_error / rms, 2);
+        status = df_adf_refine(adf, report.rms_slope * pow(0.97 * r->rms_error / rms, 2), to, &report, err);
+        if (status == DF_OK) status = finish_octree(&v.samples, to, &largest, &rms, err);
     }
+    if (status == DF_OK && !r->allow_partial && !(largest <= r->max_error + rounding && rms <= r->rms_error + rounding))
+        status = df_fail(err, DF_ERROR_INPUT,
+                         "%s: the error asked for cannot be reached: it is %g, RMS %g; pass --allow-partial", r->name,
+                         largest, rms);
+    if (status != DF_OK) df_field_free(to);
+    df_adf_free(adf);
     free(v.codes);
     return status;
 }
