@@ -3,37 +3,15 @@
 #include "convert/mesh_formats.h"
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/IO/OFF.h>
+#include <CGAL/IO/OFF/File_scanner_OFF.h>
 #include <CGAL/IO/STL.h>
 
 #include <array>
-#include <cstring>
-#include <stdexcept>
 #include <vector>
 
 namespace {
 
 using Point = CGAL::Exact_predicates_inexact_constructions_kernel::Point_3;
-
-// CGAL sizes a polygon as the file says before it reads its corners; this one refuses what the file cannot hold.
-thread_local size_t corner_limit;
-class polygon : public std::vector<uint32_t> {
-  public:
-    void resize(size_t count) {
-        if (count > corner_limit) throw std::runtime_error("a face has more corners than the file can hold");
-        std::vector<uint32_t>::resize(count);
-    }
-};
-
-} // namespace
-
-namespace CGAL {
-namespace internal {
-inline void resize(polygon &p, std::size_t count) { p.resize(count); }
-} // namespace internal
-} // namespace CGAL
-
-namespace {
 
 template <typename Polygons>
 void hand_over(const std::vector<Point> &points, const Polygons &polygons, df_mesh_builder *builder) {
@@ -47,29 +25,45 @@ void hand_over(const std::vector<Point> &points, const Polygons &polygons, df_me
 
 } // namespace
 
+// Coordinates and corners only. Colours and normals are stepped over: CGAL's functions for them read past the numbers
+// that a line has.
 df_status df_mesh_parse_off(char *text, size_t size, const char *name, df_mesh_builder *builder, df_error *err) {
     return df::guard(name, DF_ERROR_FORMAT, err, [&]() -> df_status {
         df::memory_buffer buffer(text, size);
         std::istream stream(&buffer);
-        CGAL::File_header_OFF header;
-        stream >> header;
+        CGAL::File_scanner_OFF scanner(stream);
         if (!stream) return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
+        const size_t vertices = scanner.size_of_vertices(), faces = scanner.size_of_facets();
         // each vertex and face takes more than one byte
-        if (header.size_of_vertices() > size || header.size_of_facets() > size) {
+        if (vertices > size || faces > size) {
             return df_fail(err, DF_ERROR_FORMAT,
                            "%s: the header promises %zu vertices and %zu faces, more than %zu bytes can hold", name,
-                           header.size_of_vertices(), header.size_of_facets(), size);
+                           vertices, faces, size);
         }
-        stream.clear();
-        stream.seekg(0);
-        corner_limit = size;
-        std::vector<Point> points;
-        std::vector<polygon> polygons;
-        if (!CGAL::IO::read_OFF(stream, points, polygons, CGAL::parameters::verbose(false))) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: damaged or truncated OFF file (%zu vertices, %zu faces promised)",
-                           name, header.size_of_vertices(), header.size_of_facets());
+        for (size_t i = 0; i < vertices; i++) {
+            double x = 0, y = 0, z = 0, w = 1;
+            scanner.scan_vertex(x, y, z, w);
+            if (stream) scanner.skip_to_next_vertex(i);
+            if (!stream || w == 0)
+                return df_fail(err, DF_ERROR_FORMAT, "%s: vertex %zu of %zu is damaged or missing", name, i, vertices);
+            df_mesh_builder_vertex(builder, x / w, y / w, z / w);
         }
-        hand_over(points, polygons, builder);
+        std::vector<uint32_t> corners;
+        for (size_t i = 0; i < faces; i++) {
+            size_t count = 0, corner = 0;
+            scanner.scan_facet(count, i);
+            if (stream && count > size)
+                return df_fail(err, DF_ERROR_FORMAT, "%s: face %zu has more corners than the file can hold", name, i);
+            corners.clear();
+            for (size_t c = 1; stream && c <= count; c++) {
+                scanner.scan_facet_vertex_index(corner, c, i);
+                corners.push_back(uint32_t(corner));
+            }
+            if (!stream)
+                return df_fail(err, DF_ERROR_FORMAT, "%s: face %zu of %zu is damaged or missing", name, i, faces);
+            scanner.skip_to_next_facet(i);
+            df_mesh_builder_polygon(builder, corners.data(), corners.size());
+        }
         return DF_OK;
     });
 }

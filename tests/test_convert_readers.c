@@ -209,6 +209,39 @@ static void off_dialects_are_read(void **state) {
     for (int v = 0; v < 8; v++) put(&b, "%g %g %g 255 0 0 255\n", corners[v][0], corners[v][1], corners[v][2]);
     for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
     is_the_box(df_mesh_parse_off, &b, "off with colours");
+    b.size = 0;
+    put(&b, "COFF\n8 6 0\n\n"); /* colours are promised, and some lines have none, or parts */
+    for (int v = 0; v < 8; v++)
+        put(&b, "%g %g %g%s\n", corners[v][0], corners[v][1], corners[v][2],
+            v % 3 == 0   ? ""
+            : v % 3 == 1 ? " 7"
+                         : " 7 0.5");
+    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d 3\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    is_the_box(df_mesh_parse_off, &b, "off with colours missing");
+}
+
+static void put_big_endian(buffer *b, int32_t value) { put_bytes(b, &value, sizeof value, 1); }
+
+static void binary_off_is_read(void **state) {
+    (void)state;
+    buffer b = {.size = 0};
+    put(&b, "OFF BINARY\n");
+    put_big_endian(&b, 8);
+    put_big_endian(&b, 6);
+    put_big_endian(&b, 0);
+    for (int v = 0; v < 8; v++) {
+        for (int a = 0; a < 3; a++) {
+            float x = (float)corners[v][a];
+            put_bytes(&b, &x, sizeof x, 1);
+        }
+    }
+    for (int q = 0; q < 6; q++) {
+        put_big_endian(&b, 4);
+        for (int c = 0; c < 4; c++) put_big_endian(&b, quads[q][c]);
+        put_big_endian(&b, q % 2 ? 3 : 0); /* colours */
+        for (int c = 0; c < (q % 2 ? 3 : 0); c++) put_big_endian(&b, 0x3f000000);
+    }
+    is_the_box(df_mesh_parse_off, &b, "binary off");
 }
 
 /* ---- STL ---- */
@@ -255,6 +288,7 @@ int main(void) {
         cmocka_unit_test(binary_ply_is_read_in_either_byte_order),
         cmocka_unit_test(ply_triangle_strips_are_read),
         cmocka_unit_test(off_dialects_are_read),
+        cmocka_unit_test(binary_off_is_read),
         cmocka_unit_test(stl_text_and_bytes_are_read_and_welded),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
