@@ -2,8 +2,9 @@
  * Instructions of user code, counted: by the processor's counter where the system lets a program read it
  * (perf_event_open), otherwise by running the program again under valgrind's callgrind, which counts to the digit.
  *
- * Callgrind: the parent calls lab_count_again; its child, the same program with other arguments, calls
- * lab_count_begin and lab_count_end("label") around each piece, and the parent then asks for the labels.
+ * Callgrind: the parent calls lab_count_start and, later, lab_count_finish; its child, the same program with other
+ * arguments and one thread, calls lab_count_begin and lab_count_end("label") around each piece, and the parent then
+ * asks for the labels. The child runs beside the parent, which may be slow: it is not timed.
  */
 #ifndef DF_TESTS_INSTRUCTIONS_H
 #define DF_TESTS_INSTRUCTIONS_H
@@ -26,13 +27,27 @@ typedef struct lab_counts {
 int lab_counter_open(void);
 uint64_t lab_counter_read(int counter);
 
-/* In a child under callgrind: what runs between the two is counted under a label, which must not hold a newline. */
+/* In a child under callgrind: what runs between begin and end is counted under a label, which must not hold a newline.
+ * Only between on and off, outside of which the child runs faster. */
+void lab_counting_on(void);
+void lab_counting_off(void);
 void lab_count_begin(void);
 void lab_count_end(const char *label);
 
-/* Runs this program with these arguments (ended by NULL, without the program's name) under callgrind. Where there is no
- * valgrind, *counts is empty and that is no error. Free with lab_counts_free. */
-df_status lab_count_again(const char *const *arguments, lab_counts *counts, df_error *err);
+/* A child that counts; zero: none. */
+typedef struct lab_count_run {
+    int child; /* its process */
+    char folder[512];
+} lab_count_run;
+
+/* Starts this program with these arguments (ended by NULL, without the program's name) under callgrind. */
+df_status lab_count_start(const char *const *arguments, lab_count_run *run, df_error *err);
+/* Waits for it and adds its counts; where there was none, does nothing. No valgrind is no error: nothing is added. */
+df_status lab_count_finish(lab_count_run *run, lab_counts *counts, df_error *err);
+/* Ends it; what it has counted is lost. */
+void lab_count_abandon(lab_count_run *run);
+
+df_status lab_counts_add(lab_counts *counts, const char *label, uint64_t instructions, df_error *err);
 void lab_counts_free(lab_counts *counts);
 
 /* 0: not counted */

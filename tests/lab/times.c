@@ -1,0 +1,166 @@
+#include "times.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int compare_doubles(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* What the instructions of a frame are known by: the same for all rows of the same frame. */
+static void count_label(const lab_timing *t, double distance, char *label, size_t size) {
+    const int steps = t->options.steps ? t->options.steps : df_solve_steps(t->options.solve);
+    snprintf(label, size, "%s %s %d %s %s from %g", t->options.tracer->name, df_solve_names[t->options.solve], steps,
+             df_precision_names[t->options.precision], df_gradient_names[t->options.gradient], distance);
+}
+
+/* The child: draws once what was not drawn yet. Only the frames themselves are counted, and run at callgrind's pace. */
+static df_status count_all(lab_session *session, const df_view *view, const df_picture *picture, double distance,
+                           lab_timing *timings, int count) {
+    df_status status = DF_OK;
+    lab_counting_on();
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        char label[LAB_KEY_SIZE];
+        count_label(&timings[i], distance, label, sizeof label);
+        if (lab_counts_find(&session->counts, label)) continue;
+        lab_count_begin();
+        status = df_renderer_frame(timings[i].renderer, view, picture, NULL, session->err);
+        lab_count_end(label);
+        if (status == DF_OK) status = lab_counts_add(&session->counts, label, 1, session->err);
+    }
+    lab_counting_off();
+    return status;
+}
+
+/* Draws all in turns. The first round warms up. */
+static df_status time_rounds(lab_session *session, const df_view *view, const df_picture *picture, lab_timing *timings,
+                             int count, int repeats) {
+    df_status status = DF_OK;
+    for (int n = -1; n < repeats && status == DF_OK; n++) {
+        for (int i = 0; i < count && status == DF_OK; i++) {
+            memset(&timings[i].stats, 0, sizeof timings[i].stats);
+            const uint64_t before = session->counter >= 0 ? lab_counter_read(session->counter) : 0;
+            status = df_renderer_frame(timings[i].renderer, view, picture, &timings[i].stats, session->err);
+            if (session->counter >= 0) timings[i].instructions = lab_counter_read(session->counter) - before;
+            if (n >= 0) timings[i].ms[n] = timings[i].stats.frame_ms;
+        }
+    }
+    return status;
+}
+
+static df_status write_timing(lab_session *session, const lab_subject *s, lab_timing *t, double distance, double rays,
+                              int repeats) {
+    lab_row *r = &t->row;
+    char label[LAB_KEY_SIZE];
+    qsort(t->ms, (size_t)repeats, sizeof(double), compare_doubles);
+    const double ns = 1e6 * t->ms[repeats / 2];
+    r->ns_per_ray = ns / rays;
+    r->ns_per_hit = t->stats.rays_hitting ? ns / (double)t->stats.rays_hitting : -1;
+    r->repeats = repeats;
+    r->rays = (uint64_t)rays;
+    r->isa = t->options.kernels->isa;
+    if (lab_row_have(session, s, r)) return DF_OK;
+    count_label(t, distance, label, sizeof label);
+    if (session->counter < 0) t->instructions = lab_counts_find(&session->counts, label);
+    r->instructions_per_ray = (double)t->instructions / rays;
+    return lab_row_write(session, s, r);
+}
+
+bool lab_all_timed(const lab_session *session, const lab_subject *s, lab_timing *timings, int count, uint64_t rays) {
+    bool all = true;
+    for (int i = 0; i < count && all; i++) {
+        timings[i].row.rays = rays;
+        all = lab_row_have(session, s, &timings[i].row);
+    }
+    return all;
+}
+
+uint32_t lab_picture_size(const lab_session *session) { return session->quick ? 128 : LAB_CHOICE_ROWS; }
+
+/* What there is to know of the frames of a view: instructions in the child, otherwise times. */
+static df_status draw_all(lab_session *session, const lab_subject *s, const df_view *view, double distance,
+                          const df_picture *picture, lab_timing *timings, int count) {
+    const int repeats = session->quick ? 7 : 9;
+    df_status status = DF_OK;
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        status = df_renderer_open(&s->scene, &timings[i].options, view->width, view->height, &timings[i].renderer,
+                                  session->err);
+    }
+    if (status == DF_OK && session->stage == LAB_COUNTING)
+        status = count_all(session, view, picture, distance, timings, count);
+    else if (status == DF_OK) status = time_rounds(session, view, picture, timings, count, repeats);
+    for (int i = 0; i < count; i++) {
+        if (status == DF_OK && session->stage == LAB_MEASURING)
+            status = write_timing(session, s, &timings[i], distance, (double)view->width * view->height, repeats);
+        df_renderer_close(timings[i].renderer);
+    }
+    return status;
+}
+
+df_status lab_time_all(lab_session *session, const lab_subject *s, double distance, lab_timing *timings, int count) {
+    const uint32_t size = lab_picture_size(session);
+    df_camera camera;
+    df_view view;
+    if (session->stage != LAB_COUNTING && lab_all_timed(session, s, timings, count, (uint64_t)size * size))
+        return DF_OK;
+    session->missing = true;
+    if (session->stage == LAB_PLANNING) return DF_OK;
+    uint8_t *rgb = malloc(3 * (size_t)size * size);
+    const df_picture picture = {.width = size, .height = size, .rgb = rgb};
+    df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
+    df_camera_orbit(&s->field, 40, 20, distance, &camera);
+    camera.fov_y = 1;
+    if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
+    if (status == DF_OK) status = lab_count_finish(&session->counting, &session->counts, session->err);
+    if (status == DF_OK) status = draw_all(session, s, &view, distance, &picture, timings, count);
+    free(rgb);
+    return status;
+}
+
+lab_timing lab_timing_make(const lab_session *session, const char *kind, const df_tracer *tracer, lab_method m,
+                           int gradient) {
+    return (lab_timing){.options = {.tracer = tracer,
+                                    .solve = m.solve,
+                                    .steps = m.steps,
+                                    .precision = m.precision,
+                                    .gradient = gradient,
+                                    .tile = 64,
+                                    .threads = 1,
+                                    .kernels = session->kernels},
+                        .row = {.kind = kind,
+                                .tracer = tracer->name,
+                                .intersect = df_solve_names[m.solve],
+                                .steps = m.steps,
+                                .precision = df_precision_names[m.precision],
+                                .gradient = df_gradient_names[gradient],
+                                .truth = "",
+                                .family = "camera"}};
+}
+
+df_status lab_measure_times(lab_session *session, const lab_subject *s) {
+    lab_timing solves[LAB_METHOD_COUNT], others[32];
+    int count = 0;
+    df_camera camera;
+    df_view view;
+    df_camera_orbit(&s->field, 40, 20, 1.6, &camera);
+    camera.fov_y = 1;
+    df_status status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
+    if (status != DF_OK) return status;
+    const df_tracer *chosen = df_tracer_choose(&s->scene, &view, NULL);
+    const lab_method standard = {DF_SOLVE_ROBUST, 0, DF_PRECISION_F64};
+    for (int m = 0; m < LAB_METHOD_COUNT; m++) {
+        solves[m] = lab_timing_make(session, "solve-time", chosen, lab_methods[m], DF_GRADIENT_CORNER_CENTRAL);
+    }
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if ((*tracer)->suits && !(*tracer)->suits(&s->scene, &view)) continue;
+        others[count++] = lab_timing_make(session, "tracer-time", *tracer, standard, DF_GRADIENT_CORNER_CENTRAL);
+    }
+    for (int g = 0; g < DF_GRADIENT_COUNT; g++)
+        others[count++] = lab_timing_make(session, "gradient-time", chosen, standard, g);
+    status = lab_time_all(session, s, 1.6, solves, LAB_METHOD_COUNT);
+    return status == DF_OK ? lab_time_all(session, s, 1.6, others, count) : status;
+}
