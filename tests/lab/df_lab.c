@@ -10,9 +10,9 @@
  *
  *   df-lab count FIELD SIZE --quick|--full [--choices]
  *       draws once what measure (or choices) times: it starts this under callgrind to count instructions
- *   df-lab escape [RAYS]
- *       rays from inside closed fields, with every tracer: none may escape; those without a hit are printed, tangents
- *       apart
+ *   df-lab escape [RAYS [TRACER [STRUCTURE]]]
+ *       rays from inside closed fields of each structure, with every tracer (or TRACER on STRUCTURE): none may escape;
+ *       those without a hit are printed, tangents apart
  *   df-lab filters [FIELD.dfield:MESH.obj...]
  *       depth and normal errors by reconstruction filter
  *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER]
@@ -24,8 +24,6 @@
  */
 #include "commands.h"
 #include "common/output_file.h"
-#include "common/field_file.h"
-#include "common/image.h"
 #include "filters.h"
 
 #include <stdio.h>
@@ -39,15 +37,15 @@ int main(int argc, char **argv) {
     } commands[] = {{"measure", "FILE.csv [--quick] [--uncounted] [FIELD...]", 1, lab_command_measure},
                     {"choices", "FILE.csv [--quick] [--uncounted] FIELD...", 2, lab_command_choices},
                     {"count", "FIELD SIZE --quick|--full [--choices]", 3, lab_command_count},
-                    {"escape", "[RAYS]", 0, lab_command_escape},
+                    {"escape", "[RAYS [TRACER [STRUCTURE]]]", 0, lab_command_escape},
                     {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
                     {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, lab_command_field},
                     {"maps", "SHAPE SIZE NAME [PARAMETER]", 3, lab_command_maps},
                     {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, lab_command_depth}};
-    const int lab_command_count = sizeof commands / sizeof commands[0];
+    const int command_count = sizeof commands / sizeof commands[0];
     df_output_watch_standard("df-lab");
     df_error err = {0};
-    for (int i = 0; i < lab_command_count; i++) {
+    for (int i = 0; i < command_count; i++) {
         if (argc < 2 || strcmp(argv[1], commands[i].name) != 0) continue;
         if (argc - 2 < commands[i].least) break;
         df_status status = commands[i].run(argc - 2, argv + 2, &err);
@@ -55,7 +53,6 @@ int main(int argc, char **argv) {
         return df_exit_code(status);
     }
     fprintf(stderr, "usage:\n");
-    for (int i = 0; i < lab_command_count; i++)
-        fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
+    for (int i = 0; i < command_count; i++) fprintf(stderr, "  df-lab %s %s\n", commands[i].name, commands[i].usage);
     return 2;
 }

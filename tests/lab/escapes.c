@@ -1,15 +1,35 @@
 #include "commands.h"
-#include "measure.h"
+#include "fields.h"
+#include "octree.h"
+#include "opencl_tracer.h"
 #include "render/methods/solve_methods.h"
 #include "subject.h"
+#include "view_escapes.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
-static void print_escapes(const char *field, const df_tracer *tracer, const lab_escapes *escapes) {
-    printf("%s, %s: %" PRIu64 " of %" PRIu64 " rays escape, %" PRIu64 " tangent ones end without a hit\n", field,
-           tracer->name, escapes->count, escapes->rays, escapes->tangent);
+enum { VOXELS_LOG2 = 6, VOXELS = 1 << VOXELS_LOG2 };
+
+static const lab_shape shapes[] = {LAB_BOX, LAB_GYROID, LAB_NOISE, LAB_PAIRS, LAB_SHELL};
+enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
+
+typedef enum layout { DENSE, BRICKS, OCTREE, JUNCTIONS, STRUCTURE_COUNT } layout;
+static const char *const structure_names[] = {"dense", "bricks", "octree", "octree with junctions", NULL};
+
+static df_status make_structure(lab_shape shape, layout structure, df_field *field, df_error *err) {
+    static const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
+    lab_surface surface = lab_surface_make(shape, VOXELS, 0);
+    /* leaves of different sizes meet at the surface, where they do not fit */
+    if (structure == JUNCTIONS) return lab_octree_make(&surface, VOXELS_LOG2, 0.3, LAB_SEED, field, err);
+    return lab_field_make(lab_shape_names[shape], VOXELS, 0, kinds[structure], &surface, field, err);
+}
+
+static void print_escapes(const char *field, const char *structure, const char *tracer, const lab_escapes *escapes) {
+    printf("%s, %s, %s: %" PRIu64 " of %" PRIu64 " rays escape, %" PRIu64 " tangent ones end without a hit\n", field,
+           structure, tracer, escapes->count, escapes->rays, escapes->tangent);
     for (uint32_t i = 0; i < escapes->kept_count; i++) {
         const lab_escape *e = &escapes->kept[i];
         printf("  ray %" PRIu64 ", %s, from %.9g %.9g %.9g along %.9g %.9g %.9g: the truth ", e->ray,
@@ -21,31 +41,92 @@ static void print_escapes(const char *field, const df_tracer *tracer, const lab_
     fflush(stdout);
 }
 
-df_status lab_command_escape(int argc, char **argv, df_error *err) {
-    const uint64_t rays = argc > 0 ? strtoull(argv[0], NULL, 10) : 100000000;
-    const char *const shapes[] = {"box", "gyroid", "noise", "pairs", "shell"};
+/* Whether a tracer has anything to do with a structure: rays in any direction, or else views. */
+static bool takes_rays(const df_tracer *tracer, const df_scene *scene) {
+    return !tracer->suits || tracer->suits(scene, NULL);
+}
+
+static bool takes_views(const df_tracer *tracer, const df_scene *scene) {
+    df_camera camera;
+    df_view view;
+    df_camera_orbit(scene->field, 0, 0, 2, &camera);
+    camera.fov_y = 1;
+    return df_view_make(&camera, scene->field, 64, 64, &view, NULL) == DF_OK && tracer->suits(scene, &view);
+}
+
+static df_status count_tracer(const df_tracer *tracer, const df_scene *scene, uint64_t rays, lab_escapes *escapes,
+                              df_error *err) {
+    const lab_run run = {.tracer = tracer,
+                         .scene = scene,
+                         .solve = DF_SOLVE_ROBUST,
+                         .family = LAB_INSIDE,
+                         .seed = LAB_SEED,
+                         .count = rays};
+    if (takes_rays(tracer, scene)) return lab_count_escapes(&run, escapes, err);
+    return lab_count_view_escapes(tracer, scene, LAB_SEED, rays, escapes, err);
+}
+
+typedef struct tally {
+    const char *wanted; /* NULL: every tracer */
+    uint64_t rays;      /* a field */
+    uint64_t runs, escaped;
+    bool no_device;
+} tally;
+
+static df_status measure_scene(const char *shape, const char *structure, const df_scene *scene, tally *sum,
+                               df_error *err) {
+    const df_tracer *tracers[16];
+    int count = 0;
     df_status status = DF_OK;
-    uint64_t escaped = 0;
-    if (rays < 5) return df_fail(err, DF_ERROR_USAGE, "%s: rays are a number of at least 5", argv[0]);
-    for (int i = 0; i < 5 && status == DF_OK; i++) {
-        lab_subject s;
-        status = lab_subject_open(&s, shapes[i], 64, err);
-        for (const df_tracer *const *tracer = df_tracers; *tracer && status == DF_OK; tracer++) {
-            lab_escapes escapes;
-            const lab_run run = {.tracer = *tracer,
-                                 .scene = &s.scene,
-                                 .solve = DF_SOLVE_ROBUST,
-                                 .family = LAB_INSIDE,
-                                 .seed = LAB_SEED,
-                                 .count = rays / 5};
-            if ((*tracer)->suits && !(*tracer)->suits(&s.scene, NULL)) continue;
-            status = lab_count_escapes(&run, &escapes, err);
-            if (status != DF_OK) break;
-            print_escapes(s.name, *tracer, &escapes);
-            escaped += escapes.count;
-        }
-        lab_subject_close(&s);
+    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
+        if (takes_rays(*tracer, scene) || takes_views(*tracer, scene)) tracers[count++] = *tracer;
     }
-    if (status == DF_OK && escaped) return df_fail(err, DF_ERROR_INPUT, "%" PRIu64 " rays escaped", escaped);
+    tracers[count++] = &lab_tracer_opencl;
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        lab_escapes escapes;
+        if (sum->wanted && strcmp(sum->wanted, tracers[i]->name) != 0) continue;
+        status = count_tracer(tracers[i], scene, sum->rays, &escapes, err);
+        if (status == DF_ERROR_UNSUPPORTED && tracers[i] == &lab_tracer_opencl) {
+            sum->no_device = true;
+            status = DF_OK;
+            continue;
+        }
+        if (status != DF_OK) break;
+        print_escapes(shape, structure, tracers[i]->name, &escapes);
+        sum->runs++;
+        sum->escaped += escapes.count;
+    }
+    return status;
+}
+
+static df_status measure_structure(layout structure, tally *sum, df_error *err) {
+    const df_scene_options options = {0};
+    df_status status = DF_OK;
+    for (int i = 0; i < SHAPE_COUNT && status == DF_OK; i++) {
+        df_field field = {0};
+        df_scene scene = {0};
+        status = make_structure(shapes[i], structure, &field, err);
+        if (status == DF_OK) status = df_scene_prepare(&field, 0, &options, &scene, err);
+        if (status == DF_OK)
+            status = measure_scene(lab_shape_names[shapes[i]], structure_names[structure], &scene, sum, err);
+        df_scene_free(&scene);
+        df_field_free(&field);
+    }
+    return status;
+}
+
+df_status lab_command_escape(int argc, char **argv, df_error *err) {
+    tally sum = {.rays = (argc > 0 ? strtoull(argv[0], NULL, 10) : 100000000) / SHAPE_COUNT,
+                 .wanted = argc > 1 ? argv[1] : NULL};
+    df_status status = DF_OK;
+    if (sum.rays == 0)
+        return df_fail(err, DF_ERROR_USAGE, "%s: rays are a number of at least %d", argv[0], SHAPE_COUNT);
+    for (int s = 0; s < STRUCTURE_COUNT && status == DF_OK; s++) {
+        if (argc > 2 && strcmp(argv[2], structure_names[s]) != 0) continue;
+        status = measure_structure((layout)s, &sum, err);
+    }
+    if (sum.no_device) fprintf(stderr, "df-lab: no OpenCL device: opencl was not measured\n");
+    if (status == DF_OK && sum.escaped) return df_fail(err, DF_ERROR_INPUT, "%" PRIu64 " rays escaped", sum.escaped);
+    if (status == DF_OK && sum.runs == 0) return df_fail(err, DF_ERROR_USAGE, "no such tracer or structure");
     return status;
 }

@@ -222,29 +222,37 @@ static void keep_escape(lab_escapes *escapes, lab_escape escape) {
     escapes->kept[at] = escape;
 }
 
+void lab_escapes_judge(lab_escapes *escapes, const df_scene *scene, lab_escape escape) {
+    df_truth truth;
+    df_truth_trace(scene->field, scene->iso, escape.origin, escape.direction, &truth);
+    escape.tangent = truth.tangent;
+    escape.true_hit = truth.hit ? (double)truth.t : -1;
+    if (truth.tangent) escapes->tangent++;
+    else escapes->count++;
+    keep_escape(escapes, escape);
+}
+
 static void count_chunk(const lab_run *run, const chunk *c, void *result) {
     lab_escapes *sum = result;
     sum->rays += c->rays.count;
     for (uint32_t i = 0; i < c->rays.count; i++) {
         if (c->hit_of[i] != UINT32_MAX) continue;
         lab_escape escape = {.ray = c->number[i]};
-        df_truth truth;
         for (int a = 0; a < 3; a++) {
             escape.origin[a] = (double)c->rays.origin[a][i];
             escape.direction[a] = (double)c->rays.direction[a][i];
         }
-        df_truth_trace(run->scene->field, run->scene->iso, escape.origin, escape.direction, &truth);
-        escape.tangent = truth.tangent;
-        escape.true_hit = truth.hit ? (double)truth.t : -1;
-        if (truth.tangent) sum->tangent++;
-        else sum->count++;
-        keep_escape(sum, escape);
+        lab_escapes_judge(sum, run->scene, escape);
     }
 }
 
 static int compare_escapes(const void *a, const void *b) {
     const uint64_t x = ((const lab_escape *)a)->ray, y = ((const lab_escape *)b)->ray;
     return (x > y) - (x < y);
+}
+
+void lab_escapes_sort(lab_escapes *escapes) {
+    qsort(escapes->kept, escapes->kept_count, sizeof *escapes->kept, compare_escapes);
 }
 
 df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *err) {
@@ -261,7 +269,7 @@ df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *
         escapes->tangent += sums[i].tangent;
         for (uint32_t n = 0; n < sums[i].kept_count; n++) keep_escape(escapes, sums[i].kept[n]);
     }
-    qsort(escapes->kept, escapes->kept_count, sizeof *escapes->kept, compare_escapes);
+    lab_escapes_sort(escapes);
     free(sums);
     free(results);
     return status;

@@ -80,6 +80,11 @@ typedef struct lab_escapes {
  * these only, so this is fast. */
 df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *err);
 
+/* Asks the truth about a ray without a hit and counts it. `escape` has its number, origin and direction. */
+void lab_escapes_judge(lab_escapes *escapes, const df_scene *scene, lab_escape escape);
+/* Puts those that are kept in order. */
+void lab_escapes_sort(lab_escapes *escapes);
+
 void lab_score_merge(lab_score *into, const lab_score *from);
 /* False positives, false negatives, leaks and wrong faces. */
 uint64_t lab_score_errors(const lab_score *score);
