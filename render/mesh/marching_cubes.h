@@ -44,7 +44,7 @@ void df_mesh_free(df_mesh *mesh);
 
 /* Extracts the surface. DF_ERROR_INPUT, naming the range, when iso is out of what the field stores or there is no
  * surface; and when the mesh would have more than DF_MESH_INDEX_MAX indices. `name` stands for the field in messages.
- * The mesh is empty after a failure. Needs little more memory than the mesh: about 500 bytes for each brick at the
+ * The mesh is empty after a failure. Needs little more memory than the mesh: about 300 bytes for each brick at the
  * surface, and some KiB a thread. */
 df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
                           df_error *err);
