@@ -17,9 +17,10 @@ typedef struct mesh_check {
 
 mesh_check check_mesh(const df_mesh *mesh);
 
-/* Subdivide and count: each voxel of a dense or ADF field is cut into n^3, and the points of the finer lattice with
- * value < iso make a cubical complex (edges, squares and cubes all of whose corners are inside). The boundary of a
- * solid has twice its Euler characteristic. The field's outermost samples must be outside. */
-int64_t subdivided_euler(const df_field *field, float iso, uint32_t n);
+/* The Euler characteristic of the surface 0 of a dense or ADF field whose outermost samples are outside. Subdivide and
+ * count: the field is cut into open voxels, squares, edges and samples, each of them until f has one sign in a piece or
+ * rises or falls along an axis, where its part below 0 is known; the parts add up. Exact but for the rounding of the
+ * values. The boundary of a solid has twice its characteristic. */
+int64_t subdivided_euler(const df_field *field);
 
 #endif
