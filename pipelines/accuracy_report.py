@@ -18,6 +18,7 @@ COLOURS = {"midpoint": "#999999", "linear": "#e69f00", "repeated": "#d55e00", "m
 LEAST = 1e-16  # errors below are drawn here
 HOLLOW_PPM = 10
 GRADIENT_MARKS = [7, 5, 9, 13, 11, 6, 4, 8]
+PEERS = {"mc-embree": ("mesh, Embree", "#8c510a", 5), "mc-raster": ("mesh, OpenGL", "#01665e", 13), "opencl": ("OpenCL device", "#762a83", 15)}
 NEAR = 1.10  # how far --quality auto may be off the front
 
 
@@ -45,7 +46,8 @@ class Table:
 
 
 def errors_ppm(row):
-    rays = int(row["rays"])
+    """Of the rays that were traced for errors, which are not those of the picture that was timed."""
+    rays = sum(int(row[c]) for c in ("tangent", "true_positive", "false_positive", "false_negative", "true_negative"))
     return 1e6 * sum(int(row[c]) for c in ("false_positive", "false_negative", "leaks", "wrong_face")) / rays
 
 
@@ -91,9 +93,10 @@ def choices(table):
 
         def least(error):
             return min([number(r[cost]) for r in sound if number(r["depth_p99"]) <= error], default=number(row[cost]))
-        ns = [number(r["ns_per_ray"]) for r in sound if number(r["depth_p99"]) <= number(row["depth_p99"])]
-        found.append({"row": row, "wrong": errors_ppm(row), "ratio": number(row[cost]) / least(number(row["depth_p99"])),
-                      "bound_ratio": number(row[cost]) / least(number(row["bound"])), "ns_ratio": number(row["ns_per_ray"]) / min(ns, default=number(row["ns_per_ray"]))})
+        clock = number(row["contender_ratio"]) if row["contender_ratio"] else 1.0
+        ratio = number(row[cost]) / least(number(row["depth_p99"])) if cost == "instructions_per_ray" else clock
+        found.append({"row": row, "wrong": errors_ppm(row), "ratio": ratio, "clock_ratio": clock,
+                      "bound_ratio": number(row[cost]) / least(number(row["bound"]))})
     return found
 
 
@@ -107,6 +110,9 @@ def judge_choices(table):
     at = "{field} {size} at {family}".format(**worst["row"])
     print(f"--quality auto: {sum(c['ratio'] <= NEAR for c in found)} of {len(found)} views within {100 * (NEAR - 1):.0f} % of the front in {cost_column(table)}, "
           f"the farthest {worst['ratio']:.3f} ({at}); {len(wrong)} with a wrong ray")
+    slowest = max(found, key=lambda c: c["clock_ratio"])
+    print(f"by the clock (CPU time, medians of frames in pairs): {sum(c['clock_ratio'] <= NEAR for c in found)} of {len(found)}, "
+          f"the farthest {slowest['clock_ratio']:.3f} of {slowest['row']['contender']} ({'{field} {size} at {family}'.format(**slowest['row'])})")
     return worst["ratio"] <= NEAR and not wrong
 
 
@@ -137,6 +143,26 @@ def auto_point(table, field, size, column):
     return [(r[column], max(number(r["depth_p99"]), LEAST)) for r in rows if r[column]]
 
 
+def peers_of(table, field, size):
+    """The marching-cubes mesh and devices: the tracer, its time to the default's in the same turns, p99 depth error, wrong rays in ppm, and the row."""
+    rows = table.select(kind="peer", field=field, size=size)
+    own = [number(r["ns_per_ray"]) for r in rows if r["tracer"] not in PEERS]
+    return [{"tracer": r["tracer"], "ratio": number(r["ns_per_ray"]) / own[0], "p99": max(number(r["depth_p99"]), LEAST), "worst": errors_ppm(r), "row": r}
+            for r in rows if r["tracer"] in PEERS and own]
+
+
+def plot_peers(peers, cost, prefix):
+    """Their points, with the bytes of what they trace beside them. By the clock only: no instructions of theirs are counted."""
+    data, plots = "", []
+    for p in peers if cost == "ns" else []:
+        _, colour, mark = PEERS[p["tracer"]]
+        name = f"{prefix}_{p['tracer'].replace('-', '_')}"
+        data += data_block(name, [(p["ns"], p["p99"], min(3, 1.2 + 0.4 * math.log10(1 + p["worst"])), f'"{int(p["row"]["bytes"]) / 1e6:.1f} MB"')])
+        plots.append(f"${name} using 1:2:3 with points pt {mark - (p['worst'] > HOLLOW_PPM)} ps variable lc rgb '{colour}'")
+        plots.append(f"${name} using 1:2:4 with labels offset 0,{-0.9 if p['tracer'] == 'mc-raster' else 0.9} font ',7' tc rgb '{colour}'")
+    return data, plots
+
+
 def axis_tics(low, high):
     """Four round numbers between two, evenly on a logarithmic axis."""
     return ", ".join(dict.fromkeys(f"{low * (high / low) ** (i / 3):.3g}" for i in range(4)))
@@ -150,7 +176,10 @@ def draw_pareto(table, folder, name, cost, column, label):
     for n, (field, size) in enumerate(fields):
         points = methods_of(table, field, size)
         floor, pixel = floors(table, field, size)
-        low, high = min(p[cost] for p in points), max(p[cost] for p in points)
+        peers = peers_of(table, field, size) if cost == "ns" else []
+        for p in peers:  # they are timed in larger pictures: where they lie beside the default
+            p["ns"] = p["ratio"] * next(q["ns"] for q in points if (q["solve"], q["steps"], q["precision"]) == ("robust", 16, "f64"))
+        low, high = min(p[cost] for p in points + peers), max(p[cost] for p in points + peers)
         body += f"set title '{field} {size}' noenhanced\nset xtics ({axis_tics(low, high)})\nset xrange [{low * 0.97}:{high * 1.03}]\nset yrange [{LEAST / 3}:200]\n"
         plots = []
         for solve, precision in [(s, p) for s in SOLVES for p in ("f64", "f32")]:
@@ -167,6 +196,9 @@ def draw_pareto(table, folder, name, cost, column, label):
                 if marks:
                     body += data_block(f"{block}_{hollow}", marks)
                     plots.append(f"${block}_{hollow} using 1:2:3 with points {point_style(single, hollow)} ps variable lc rgb '{COLOURS[solve]}'")
+        data, marks = plot_peers(peers, cost, f"peer{n}")
+        body += data
+        plots += marks
         front = sorted(pareto(points, cost), key=lambda p: p[cost])
         body += data_block(f"front{n}", [(p[cost], p["p99"]) for p in front] or [("nan", "nan")])
         plots.append(f"$front{n} with steps lw 2 dt 2 lc rgb 'black'")
@@ -178,16 +210,17 @@ def draw_pareto(table, folder, name, cost, column, label):
             plots.append(f"{floor} lc rgb '#aa0000' dt 3")
         plots.append(f"{pixel} lc rgb '#0000aa' dt 3")
         body += "plot " + ", ".join(plots) + "\n"
-    both_formats(folder, name, 420 * columns, 330 * lines, body + legend_panel() + "unset multiplot\n")
+    both_formats(folder, name, 420 * columns, 330 * lines, body + legend_panel(cost == "ns") + "unset multiplot\n")
 
 
 def point_style(single, hollow):
     return f"pt {(8 if hollow else 9) if single else (6 if hollow else 7)}"
 
 
-def legend_panel():
+def legend_panel(with_peers):
     """The key of all panels, in a panel of its own: it would hide points."""
     plots = [f"1/0 with points pt 7 lc rgb '{COLOURS[s]}' title '{s}'" for s in SOLVES]
+    plots += [f"1/0 with points pt {mark} lc rgb '{colour}' title '{words}'" for words, colour, mark in PEERS.values() if with_peers]
     plots += ["1/0 with points pt 7 lc rgb '#666666' title 'f64'", "1/0 with points pt 9 lc rgb '#666666' title 'f32'",
               f"1/0 with points pt 6 lc rgb '#666666' title 'hollow: over {HOLLOW_PPM} ppm wrong rays'",
               "1/0 with points pt 3 ps 2 lw 2 lc rgb 'black' title '--quality auto'", "1/0 with lines lw 2 dt 2 lc rgb 'black' title 'Pareto front'",
@@ -294,9 +327,22 @@ def auto_table(table):
     for c in choices(table):
         r = c["row"]
         rows.append([f'{r["field"]} {r["size"]}', r["family"], f'{r["intersect"]} {r["steps"]} {r["precision"]}', r["gradient"], r["bound"], r["depth_p99"], f'{c["wrong"]:.3g}',
-                     r["instructions_per_ray"], r["ns_per_ray"], f'{c["ratio"]:.3f}', f'{c["bound_ratio"]:.3f}', f'{c["ns_ratio"]:.2f}'])
+                     r["instructions_per_ray"], r["ns_per_ray"], f'{c["ratio"]:.3f}', f'{c["bound_ratio"]:.3f}', r["contender"], f'{c["clock_ratio"]:.3f}'])
     return html_table(["field", "eye", "intersect", "gradient", "bound, voxels", "p99 error", "wrong rays, ppm", "instructions/ray", "ns/ray", "cost / the front's",
-                       "cost / the cheapest's within the bound", "time / the front's"], rows)
+                       "cost / the cheapest's within the bound", "contender by the clock", "time / the contender's"], rows)
+
+
+def peer_table(table):
+    """The default beside the marching-cubes mesh and a device, timed in the same turns."""
+    rows = []
+    for field, size in table.fields():
+        for p in peers_of(table, field, size):
+            r = p["row"]
+            rows.append([f"{field} {size}", p["tracer"], r["isa"], r["ns_per_ray"], f'{p["ratio"]:.2f}', r["depth_p50"], r["depth_p99"],
+                         r["depth_max"], short(p["worst"]), r["bytes"]])
+    if not rows:
+        return "<p>Nothing else was measured.</p>"
+    return html_table(["field", "tracer", "on", "ns/ray", "time / the default's", "median error, voxels", "p99", "worst", "wrong rays, ppm", "bytes"], rows)
 
 
 def mesh_table(table):
@@ -343,9 +389,10 @@ until a cubic term of rounding size spoils it.</p>
 Errors are those of the solver against the trilinear field in quad precision; times are medians of whole frames, one thread, rays to shaded picture.</p>
 <h2>Which method</h2>{summary_table(table)}
 <h2>The cheapest that a scene needs</h2><p>The cheapest method without errors whose p99 error lies under a tenth of the higher of two floors.</p>{recommendation_table(table)}
-<h2>What --quality auto takes</h2><p>Against the measured front at three distances (rays from the eye to the field): the cheapest method with the same gradient that has no wrong ray there and is no less exact. Cost is {cost_column(table)}. The cheapest within the bound is known only after the truth is: it is another method in each view. The last column is the clock, which scatters by the noise of the machine.</p>{auto_table(table)}
+<h2>What --quality auto takes</h2><p>Against the measured front at three distances (rays from the eye to the field): the cheapest method with the same gradient that has no wrong ray there and is no less exact. Cost is {cost_column(table)}. The cheapest within the bound is known only after the truth is: it is another method in each view. The last columns are the clock: of the three fastest methods that are sound there and no less exact, the one that does best when its frames and those of the choice are drawn in pairs, and the median of their ratios in CPU time.</p>{auto_table(table)}
 <h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p>{mesh_table(table)}
 <h2>Error against time</h2><p>Markers grow with the worst errors over all families of rays; hollow: a method with more than {HOLLOW_PPM} ppm.</p>{inline_svg(folder, "pareto")}
+<h3>Beside others</h3><p>The marching-cubes mesh of the same field (its bytes include Embree's tree) and an OpenCL device, one thread each; errors against the trilinear field, over the camera's rays (mc-raster, which draws pictures only: over the pixels of the chart's view). Times are of larger pictures than above, in turns with the default: the chart shows their ratio to it.</p>{peer_table(table)}
 <h2>Error against instructions</h2><p>The same, counted: {counted_text(table)}.</p>{inline_svg(folder, "pareto-instructions")}
 <h2>Error against bytes</h2>{inline_svg(folder, "storage")}
 <h2>Normals</h2>{inline_svg(folder, "gradients")}

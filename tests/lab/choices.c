@@ -13,8 +13,7 @@ static df_status measure_choice(lab_session *session, const lab_subject *s, doub
     df_quality quality;
     df_view view;
     const uint32_t size = lab_picture_size(session);
-    df_camera_orbit(&s->field, 40, 20, distance, &camera);
-    camera.fov_y = 1;
+    lab_camera(&s->field, distance, &camera);
     df_quality_choose(&s->field, &camera, LAB_CHOICE_ROWS, true, &quality);
     df_status status = df_view_make(&camera, &s->field, size, size, &view, session->err);
     if (status != DF_OK) return status;
@@ -22,6 +21,7 @@ static df_status measure_choice(lab_session *session, const lab_subject *s, doub
     timings[count++] = lab_timing_make(session, "auto", tracer,
                                        (lab_method){quality.solve, quality.steps, quality.precision}, quality.gradient);
     timings[0].row.bound = quality.bound;
+    timings[0].contested = method_count > 0;
     for (int m = 0; m < method_count; m++)
         timings[count++] = lab_timing_make(session, "front", tracer, lab_methods[m], quality.gradient);
     lab_score *scores = calloc((size_t)count, sizeof *scores);
@@ -32,7 +32,7 @@ static df_status measure_choice(lab_session *session, const lab_subject *s, doub
     }
     if (session->stage == LAB_MEASURING && !lab_all_timed(session, s, timings, count, (uint64_t)size * size))
         status = lab_score_view(session, s, &camera, timings, scores, count);
-    if (status == DF_OK) status = lab_time_all(session, s, distance, timings, count);
+    if (status == DF_OK) status = lab_time_all(session, s, distance, size, timings, count);
     free(scores);
     return status;
 }
@@ -43,7 +43,7 @@ df_status lab_measure_auto(lab_session *session, const lab_subject *s) {
         const char *family;
         int method_count;
     } places[] = {{0.9, "distance 0.9", LAB_METHOD_COUNT},
-                  {1.6, "distance 1.6", 0}, /* that of the chart, which has the methods already */
+                  {LAB_CHART_DISTANCE, "distance 1.6", 0}, /* that of the chart, which has the methods already */
                   {6, "distance 6", LAB_METHOD_COUNT},
                   {40, "distance 40", LAB_METHOD_COUNT}};
     df_status status = DF_OK;

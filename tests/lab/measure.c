@@ -60,6 +60,18 @@ void lab_score_merge(lab_score *into, const lab_score *from) {
         keep_failure(into, from->failures[i].ray, from->failures[i].kind);
 }
 
+void lab_score_pair(lab_score *score, const df_truth *truth, bool hit, double off) {
+    score->rays++;
+    if (truth->tangent) score->tangent++;
+    else if (hit != truth->hit) score->false_positive += hit, score->false_negative += truth->hit;
+    else if (!hit) score->true_negative++;
+    else {
+        score->true_positive++;
+        score->leaks += !(off <= LAB_LEAK_VOXELS);
+        lab_histogram_add(&score->depth, off);
+    }
+}
+
 uint64_t lab_score_errors(const lab_score *score) {
     return score->false_positive + score->false_negative + score->leaks + score->wrong_face;
 }

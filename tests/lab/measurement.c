@@ -1,6 +1,7 @@
 #include "choices.h"
 #include "commands.h"
 #include "errors.h"
+#include "peers.h"
 #include "storage.h"
 #include "times.h"
 
@@ -40,7 +41,7 @@ static df_status start_counting(lab_session *session, const lab_subject *s, cons
     df_status status = measure_frames(session, s, choices_only);
     session->stage = LAB_MEASURING;
     if (status != DF_OK || !session->missing) return status;
-    session->counted = true;
+    session->asked = true;
     return lab_count_start(arguments, &session->counting, session->err);
 }
 
@@ -80,6 +81,7 @@ static df_status measure_subject(lab_session *session, const char *name, uint32_
     if (status == DF_OK) status = measure_all_errors(session, &s, rays);
     if (status == DF_OK && s.exact) status = lab_measure_structures(session, name, size, rays);
     if (status == DF_OK) status = measure_frames(session, &s, false);
+    if (status == DF_OK) status = lab_measure_peers(session, &s);
     lab_subject_close(&s);
     return status;
 }

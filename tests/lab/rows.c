@@ -8,13 +8,14 @@
 #include <unistd.h>
 
 /* The format of the table counts as a part of the version. */
-#define LAB_VERSION DF_VERSION "-3"
+#define LAB_VERSION DF_VERSION "-4"
 #define KEY_COLUMNS 13
 static const char columns[] =
     "kind,field,size,structure,samples,tracer,intersect,steps,precision,gradient,truth,family,rays,bytes,"
     "tangent,true_positive,false_positive,false_negative,true_negative,leaks,wrong_face,"
     "depth_p50,depth_p99,depth_p999,depth_max,residual_p99,residual_max,normal_p50,normal_p99,normal_max,"
-    "ns_per_ray,ns_per_hit,repeats,isa,instructions_per_ray,counted,bound,field_floor,seed,machine,compiler";
+    "ns_per_ray,ns_per_hit,repeats,isa,instructions_per_ray,counted,bound,contender,contender_ratio,field_floor,seed,"
+    "machine,compiler";
 const lab_method lab_methods[LAB_METHOD_COUNT] = {
     {DF_SOLVE_MIDPOINT, 0, DF_PRECISION_F64}, {DF_SOLVE_LINEAR, 0, DF_PRECISION_F64},
     {DF_SOLVE_REPEATED, 1, DF_PRECISION_F64}, {DF_SOLVE_REPEATED, 2, DF_PRECISION_F64},
@@ -61,7 +62,7 @@ df_status lab_session_open(lab_session *session, const char *path, int argc, cha
 
 void lab_session_close(lab_session *session) {
     lab_count_abandon(&session->counting);
-    if (session->counted && session->counts.count == 0)
+    if (session->asked && !session->counted)
         fprintf(stderr, "df-lab: no instructions were counted: no counter of the processor and no valgrind\n");
     lab_table_close(&session->table);
     lab_counts_free(&session->counts);
@@ -86,6 +87,8 @@ static int print_counts(const lab_session *session, char *out, size_t size, cons
         n += snprintf(out + n, size - (size_t)n, "%.3f,%s,", r->instructions_per_ray, counting_way(session));
     else n += snprintf(out + n, size - (size_t)n, ",,");
     if (r->bound > 0) n += snprintf(out + n, size - (size_t)n, "%.3g", r->bound);
+    n += snprintf(out + n, size - (size_t)n, ",%s,", r->contender);
+    if (r->contender_ratio > 0) n += snprintf(out + n, size - (size_t)n, "%.4f", r->contender_ratio);
     return n;
 }
 
@@ -100,7 +103,7 @@ df_status lab_row_write(lab_session *session, const lab_subject *s, const lab_ro
     char key[LAB_KEY_SIZE], results[1024];
     const lab_histogram *n = r->normal;
     const size_t size = sizeof results;
-    int at = snprintf(results, size, "%" PRIu64, lab_model_bytes(&s->field));
+    int at = snprintf(results, size, "%" PRIu64, r->bytes ? r->bytes : lab_model_bytes(&s->field));
     lab_row_key(s, r, key, sizeof key);
     if (r->score) {
         const lab_score *c = r->score;

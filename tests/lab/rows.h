@@ -31,7 +31,7 @@ typedef struct lab_session {
     bool missing;           /* set by LAB_PLANNING: a frame is not in the table */
     int counter;            /* the processor's own of instructions; negative: none */
     bool uncounted;         /* nothing is to be counted */
-    bool counted;           /* a child was started */
+    bool asked, counted;    /* a child was started; some frame's instructions are known */
     lab_count_run counting; /* the child for the subject under measurement */
     lab_counts counts;      /* and what it counted; of the child itself: what it has drawn */
     df_error *err;
@@ -52,6 +52,9 @@ typedef struct lab_row {
     const char *isa;             /* of the times */
     double instructions_per_ray; /* 0: not counted */
     double bound;                /* what --quality auto allows, voxels; 0: does not apply */
+    uint64_t bytes;              /* that are held for tracing; 0: the field's */
+    double contender_ratio;      /* contender.h; 0: there is none */
+    char contender[64];
 } lab_row;
 
 /* What a row is known by: kind to rays, at most LAB_KEY_SIZE bytes. */

@@ -61,16 +61,9 @@ static df_status measure_storage(lab_session *session, const char *name, const l
             if (!lab_family_ray(field, LAB_CAMERA, LAB_SEED, i, o, d)) continue;
             df_truth_trace(field, 0, o, d, &stored);
             lab_surface_trace(surface, box, o, d, &exact);
-            mine.rays++;
-            if (stored.tangent || exact.tangent) mine.tangent++;
-            else if (stored.hit != exact.hit) mine.false_positive += stored.hit, mine.false_negative += exact.hit;
-            else if (!stored.hit) mine.true_negative++;
-            else {
-                const double off = fabs((double)(stored.t - exact.t)) * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-                mine.true_positive++;
-                mine.leaks += off > LAB_LEAK_VOXELS;
-                lab_histogram_add(&mine.depth, off);
-            }
+            const double off = fabs((double)(stored.t - exact.t)) * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            exact.tangent |= stored.tangent;
+            lab_score_pair(&mine, &exact, stored.hit, off);
         }
 #pragma omp critical
         lab_score_merge(&score, &mine);

@@ -1,4 +1,4 @@
-#include "times.h"
+#include "contender.h"
 #include "render/methods/gradient.h"
 #include "render/methods/solve_methods.h"
 
@@ -6,9 +6,44 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int compare_doubles(const void *a, const void *b) {
+int lab_compare_doubles(const void *a, const void *b) {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
+}
+
+void lab_camera(const df_field *field, double distance, df_camera *camera) {
+    df_camera_orbit(field, 40, 20, distance, camera);
+    camera->fov_y = 1;
+}
+
+static df_status open_timing(const lab_subject *s, const df_view *view, lab_timing *t, df_error *err) {
+    df_devices_options options = {0};
+    if (!t->on_device) return df_renderer_open(&s->scene, &t->options, view->width, view->height, &t->renderer, err);
+    df_status status = df_devices_parse("opencl", &options.choice, err);
+    if (status != DF_OK) return status;
+    return df_devices_open(&options, &s->scene, &t->options, view->width, view->height, &t->devices, err);
+}
+
+/* What a timing says of itself once it has drawn. */
+static void describe_timing(lab_timing *t) {
+    df_device_report reports[DF_DEVICE_MAX];
+    double ms;
+    if (t->on_device && df_devices_report(t->devices, reports) > 0) {
+        snprintf(t->device, sizeof t->device, "%.150s", reports[0].name);
+        for (char *c = t->device; *c; c++) *c = *c == ',' ? ' ' : *c;
+    }
+    if (t->options.tracer->own_methods) df_renderer_precomputation(t->renderer, &ms, &ms, &t->row.bytes);
+}
+
+static void close_timing(lab_timing *t) {
+    df_renderer_close(t->renderer);
+    df_devices_close(t->devices);
+}
+
+static df_status draw_timing(lab_timing *t, const df_view *view, const df_picture *picture, df_error *err) {
+    memset(&t->stats, 0, sizeof t->stats);
+    if (t->on_device) return df_devices_frame(t->devices, view, picture, &t->stats, err);
+    return df_renderer_frame(t->renderer, view, picture, &t->stats, err);
 }
 
 /* What the instructions of a frame are known by: the same for all rows of the same frame. */
@@ -42,13 +77,13 @@ static df_status time_rounds(lab_session *session, const df_view *view, const df
     df_status status = DF_OK;
     for (int n = -1; n < repeats && status == DF_OK; n++) {
         for (int i = 0; i < count && status == DF_OK; i++) {
-            memset(&timings[i].stats, 0, sizeof timings[i].stats);
             const uint64_t before = session->counter >= 0 ? lab_counter_read(session->counter) : 0;
-            status = df_renderer_frame(timings[i].renderer, view, picture, &timings[i].stats, session->err);
+            status = draw_timing(&timings[i], view, picture, session->err);
             if (session->counter >= 0) timings[i].instructions = lab_counter_read(session->counter) - before;
             if (n >= 0) timings[i].ms[n] = timings[i].stats.frame_ms;
         }
     }
+    for (int i = 0; i < count; i++) qsort(timings[i].ms, (size_t)repeats, sizeof(double), lab_compare_doubles);
     return status;
 }
 
@@ -56,17 +91,18 @@ static df_status write_timing(lab_session *session, const lab_subject *s, lab_ti
                               int repeats) {
     lab_row *r = &t->row;
     char label[LAB_KEY_SIZE];
-    qsort(t->ms, (size_t)repeats, sizeof(double), compare_doubles);
     const double ns = 1e6 * t->ms[repeats / 2];
     r->ns_per_ray = ns / rays;
     r->ns_per_hit = t->stats.rays_hitting ? ns / (double)t->stats.rays_hitting : -1;
     r->repeats = repeats;
     r->rays = (uint64_t)rays;
-    r->isa = t->options.kernels->isa;
+    r->isa = t->on_device ? t->device : t->options.kernels->isa;
     if (lab_row_have(session, s, r)) return DF_OK;
     count_label(t, distance, label, sizeof label);
-    if (session->counter < 0) t->instructions = lab_counts_find(&session->counts, label);
+    if (t->on_device) t->instructions = 0;
+    else if (session->counter < 0) t->instructions = lab_counts_find(&session->counts, label);
     r->instructions_per_ray = (double)t->instructions / rays;
+    session->counted |= t->instructions > 0;
     return lab_row_write(session, s, r);
 }
 
@@ -81,28 +117,35 @@ bool lab_all_timed(const lab_session *session, const lab_subject *s, lab_timing 
 
 uint32_t lab_picture_size(const lab_session *session) { return session->quick ? 128 : LAB_CHOICE_ROWS; }
 
-/* What there is to know of the frames of a view: instructions in the child, otherwise times. */
-static df_status draw_all(lab_session *session, const lab_subject *s, const df_view *view, double distance,
-                          const df_picture *picture, lab_timing *timings, int count) {
+static df_status measure_frames(lab_session *session, const lab_subject *s, const df_view *view, double distance,
+                                const df_picture *picture, lab_timing *timings, int count) {
     const int repeats = session->quick ? 7 : 9;
-    df_status status = DF_OK;
+    df_status status = time_rounds(session, view, picture, timings, count, repeats);
+    if (status == DF_OK && count > 0 && timings[0].contested)
+        status = lab_find_contender(view, picture, timings, count, repeats, session->err);
     for (int i = 0; i < count && status == DF_OK; i++) {
-        status = df_renderer_open(&s->scene, &timings[i].options, view->width, view->height, &timings[i].renderer,
-                                  session->err);
-    }
-    if (status == DF_OK && session->stage == LAB_COUNTING)
-        status = count_all(session, view, picture, distance, timings, count);
-    else if (status == DF_OK) status = time_rounds(session, view, picture, timings, count, repeats);
-    for (int i = 0; i < count; i++) {
-        if (status == DF_OK && session->stage == LAB_MEASURING)
-            status = write_timing(session, s, &timings[i], distance, (double)view->width * view->height, repeats);
-        df_renderer_close(timings[i].renderer);
+        describe_timing(&timings[i]);
+        status = write_timing(session, s, &timings[i], distance, (double)view->width * view->height, repeats);
     }
     return status;
 }
 
-df_status lab_time_all(lab_session *session, const lab_subject *s, double distance, lab_timing *timings, int count) {
-    const uint32_t size = lab_picture_size(session);
+/* What there is to know of the frames of a view: instructions in the child, otherwise times. */
+static df_status draw_all(lab_session *session, const lab_subject *s, const df_view *view, double distance,
+                          const df_picture *picture, lab_timing *timings, int count) {
+    df_status status = DF_OK;
+    for (int i = 0; i < count && status == DF_OK; i++) {
+        status = open_timing(s, view, &timings[i], session->err);
+    }
+    if (status == DF_OK && session->stage == LAB_COUNTING)
+        status = count_all(session, view, picture, distance, timings, count);
+    else if (status == DF_OK) status = measure_frames(session, s, view, distance, picture, timings, count);
+    for (int i = 0; i < count; i++) close_timing(&timings[i]);
+    return status;
+}
+
+df_status lab_time_all(lab_session *session, const lab_subject *s, double distance, uint32_t size, lab_timing *timings,
+                       int count) {
     df_camera camera;
     df_view view;
     if (session->stage != LAB_COUNTING && lab_all_timed(session, s, timings, count, (uint64_t)size * size))
@@ -112,8 +155,7 @@ df_status lab_time_all(lab_session *session, const lab_subject *s, double distan
     uint8_t *rgb = malloc(3 * (size_t)size * size);
     const df_picture picture = {.width = size, .height = size, .rgb = rgb};
     df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
-    df_camera_orbit(&s->field, 40, 20, distance, &camera);
-    camera.fov_y = 1;
+    lab_camera(&s->field, distance, &camera);
     if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
     if (status == DF_OK) status = lab_count_finish(&session->counting, &session->counts, session->err);
     if (status == DF_OK) status = draw_all(session, s, &view, distance, &picture, timings, count);
@@ -146,8 +188,7 @@ df_status lab_measure_times(lab_session *session, const lab_subject *s) {
     int count = 0;
     df_camera camera;
     df_view view;
-    df_camera_orbit(&s->field, 40, 20, 1.6, &camera);
-    camera.fov_y = 1;
+    lab_camera(&s->field, LAB_CHART_DISTANCE, &camera);
     df_status status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
     if (status != DF_OK) return status;
     const df_tracer *chosen = df_tracer_choose(&s->scene, &view, NULL);
@@ -161,6 +202,7 @@ df_status lab_measure_times(lab_session *session, const lab_subject *s) {
     }
     for (int g = 0; g < DF_GRADIENT_COUNT; g++)
         others[count++] = lab_timing_make(session, "gradient-time", chosen, standard, g);
-    status = lab_time_all(session, s, 1.6, solves, LAB_METHOD_COUNT);
-    return status == DF_OK ? lab_time_all(session, s, 1.6, others, count) : status;
+    status = lab_time_all(session, s, LAB_CHART_DISTANCE, lab_picture_size(session), solves, LAB_METHOD_COUNT);
+    return status == DF_OK ? lab_time_all(session, s, LAB_CHART_DISTANCE, lab_picture_size(session), others, count)
+                           : status;
 }

@@ -1,0 +1,134 @@
+#include "peers.h"
+#include "opencl_tracer.h"
+#include "render/methods/gradient.h"
+#include "render/methods/solve_methods.h"
+#include "times.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Smaller ones are mostly overhead to a device and to OpenGL. */
+static uint32_t peer_picture_size(const lab_session *session) { return session->quick ? 512 : LAB_CHOICE_ROWS; }
+
+/* Any rays of the camera's family, in double. */
+static df_status score_rays(const lab_subject *s, const df_tracer *tracer, uint64_t rays, lab_score *score,
+                            df_error *err) {
+    const lab_run run = {.tracer = tracer,
+                         .scene = &s->scene,
+                         .solve = DF_SOLVE_ROBUST,
+                         .family = LAB_CAMERA,
+                         .seed = LAB_SEED,
+                         .count = rays};
+    return lab_measure(&run, score, err);
+}
+
+/* The depths of a picture, which are floats, against the truth of each pixel. */
+static df_status score_depths(const lab_subject *s, const df_view *view, const float *depth, lab_score *score,
+                              df_error *err) {
+    const uint32_t count = view->width * view->height;
+    df_rays rays;
+    df_status status = df_rays_alloc(count, true, &rays, err);
+    if (status != DF_OK) return status;
+    df_view_rays(view, &df_kernels_scalar, 0, 0, view->width, view->height, &rays);
+#pragma omp parallel
+    {
+        lab_score mine = {0};
+#pragma omp for schedule(dynamic, 256)
+        for (uint32_t i = 0; i < count; i++) {
+            double o[3], d[3], length = 0;
+            df_truth truth;
+            for (int a = 0; a < 3; a++) {
+                o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : i];
+                d[a] = (double)rays.direction[a][i];
+                length += d[a] * d[a];
+            }
+            df_truth_trace(&s->field, 0, o, d, &truth);
+            lab_score_pair(&mine, &truth, isfinite(depth[i]),
+                           fabs((double)depth[i] / s->field.voxel_size[0] - (double)truth.t * sqrt(length)));
+        }
+#pragma omp critical
+        lab_score_merge(score, &mine);
+    }
+    df_rays_free(&rays);
+    return DF_OK;
+}
+
+static df_status score_picture(const lab_session *session, const lab_subject *s, const lab_timing *t, lab_score *score,
+                               df_error *err) {
+    const uint32_t size = lab_picture_size(session);
+    float *depth = malloc(sizeof *depth * size * size);
+    const df_picture picture = {.width = size, .height = size, .depth = depth};
+    df_renderer *renderer = NULL;
+    df_camera camera;
+    df_view view;
+    df_status status = depth ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
+    lab_camera(&s->field, LAB_CHART_DISTANCE, &camera);
+    if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, err);
+    if (status == DF_OK) status = df_renderer_open(&s->scene, &t->options, size, size, &renderer, err);
+    if (status == DF_OK) status = df_renderer_frame(renderer, &view, &picture, NULL, err);
+    if (status == DF_OK) status = score_depths(s, &view, depth, score, err);
+    df_renderer_close(renderer);
+    free(depth);
+    return status;
+}
+
+static df_status score_peer(const lab_session *session, const lab_subject *s, const lab_timing *t, lab_score *score,
+                            df_error *err) {
+    const df_tracer *tracer = t->on_device ? &lab_tracer_opencl : t->options.tracer;
+    const bool any_ray = !tracer->own_methods || !tracer->suits || tracer->suits(&s->scene, NULL);
+    /* the default is found by a tracer of views; its hits are those of every walk */
+    if (!tracer->own_methods && !t->on_device) tracer = s->scene.levels ? &df_tracer_dda : &df_tracer_adf;
+    if (any_ray) return score_rays(s, tracer, session->quick ? 8000 : 1000000, score, err);
+    return score_picture(session, s, t, score, err);
+}
+
+static lab_timing make_peer(const lab_session *session, const df_tracer *tracer, bool on_device) {
+    const lab_method standard = {DF_SOLVE_ROBUST, 0, DF_PRECISION_F64};
+    const uint32_t size = peer_picture_size(session);
+    lab_timing t = lab_timing_make(session, "peer", tracer, standard, DF_GRADIENT_CORNER_CENTRAL);
+    t.on_device = on_device;
+    t.row.truth = "field";
+    t.row.rays = (uint64_t)size * size;
+    if (on_device) t.row.tracer = "opencl";
+    if (tracer->own_methods) t.row.intersect = t.row.gradient = "", t.row.precision = "f32";
+    return t;
+}
+
+df_status lab_measure_peers(lab_session *session, const lab_subject *s) {
+    lab_timing timings[8];
+    lab_score *scores = calloc(8, sizeof *scores);
+    int count = 0;
+    df_camera camera;
+    df_view view;
+    df_status status = scores ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for scores");
+    lab_camera(&s->field, LAB_CHART_DISTANCE, &camera);
+    if (status == DF_OK) status = df_view_make(&camera, &s->field, 64, 64, &view, session->err);
+    if (status != DF_OK) {
+        free(scores);
+        return status;
+    }
+    lab_timing wanted[8] = {make_peer(session, df_tracer_choose(&s->scene, &view, NULL), false),
+                            make_peer(session, &df_tracer_dda, true)};
+    int wanted_count = 2;
+    for (const df_tracer *const *tracer = df_mesh_tracers; *tracer; tracer++)
+        wanted[wanted_count++] = make_peer(session, *tracer, false);
+    const bool done = lab_all_timed(session, s, wanted, wanted_count, wanted[0].row.rays);
+    for (int i = 0; i < wanted_count && status == DF_OK && !done; i++) {
+        df_error error;
+        timings[count] = wanted[i];
+        timings[count].row.score = &scores[count];
+        status = score_peer(session, s, &wanted[i], &scores[count], &error);
+        if (status == DF_OK) count++;
+        else if (status == DF_ERROR_UNSUPPORTED && i > 0) {
+            fprintf(stderr, "df-lab: %s is not measured: %s\n", wanted[i].row.tracer, error.text);
+            status = DF_OK;
+        } else if (session->err) *session->err = error;
+    }
+    if (status == DF_OK && !done)
+        status = lab_time_all(session, s, LAB_CHART_DISTANCE, peer_picture_size(session), timings, count);
+    free(scores);
+    return status;
+}
