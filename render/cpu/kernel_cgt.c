@@ -5,6 +5,7 @@
  * nearest accepted voxel of each ray stays.
  */
 #include "render/cpu/fetch.h"
+#include "render/cpu/frustum.h"
 #include "render/cpu/kernel.h"
 
 #include <math.h>
@@ -13,32 +14,22 @@
 
 #include "render/methods/cell.h"
 
-/* Grid units by which the bounds of a packet are widened: far more than their rounding. */
-#define MARGIN 0.01f
-
 enum { RAYS_MAX = DF_CGT_PACKET_MAX * DF_CGT_PACKET_MAX + DF_LANES };
 
 typedef struct packet {
     float direction[3][RAYS_MAX], inverse[3][RAYS_MAX], depth[RAYS_MAX]; /* padded with the last ray */
     uint32_t ray[RAYS_MAX], count, padded;
-    float origin[3];
-    int main, u, v, sign; /* axes, and the direction along the main one */
-    float slope[2][2];    /* by minor axis u, v: least and greatest of direction over |direction along the main axis| */
-    float reach[2];       /* along the main axis, from the eye: where rays may hit */
+    df_frustum frustum;
+    float reach[2]; /* along the main axis, from the eye: where rays may hit */
     df_candidate best[RAYS_MAX];
 } packet;
-
-/* A rectangle of cells across the main axis, inclusive. */
-typedef struct slice {
-    int32_t low[2], high[2];
-} slice;
 
 /* Of two voxels that a ray enters at the same t the one entered across the lower axis comes first (cell.h). */
 static int entry_axis(const packet *p, uint32_t i, const float cell[3], float t_in) {
     int axis = 3;
     for (int a = 0; a < 3; a++) {
-        const float low = (cell[a] - p->origin[a]) * p->inverse[a][i],
-                    high = ((cell[a] + 1.0f) - p->origin[a]) * p->inverse[a][i];
+        const float low = (cell[a] - p->frustum.origin[a]) * p->inverse[a][i],
+                    high = ((cell[a] + 1.0f) - p->frustum.origin[a]) * p->inverse[a][i];
         if ((low < high ? low : high) == t_in) axis = a;
     }
     return axis;
@@ -66,7 +57,7 @@ static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel
     df_scene_corners(job->scene, voxel, block, values);
     for (int c = 0; c < 8; c++) corner[c] = lf_set(values[c]);
     for (int a = 0; a < 3; a++) {
-        origin[a] = lf_set(p->origin[a]);
+        origin[a] = lf_set(p->frustum.origin[a]);
         lower[a] = lf_set(cell[a]);
     }
     for (uint32_t first = 0; first < p->count; first += DF_LANES) {
@@ -97,44 +88,26 @@ static void test_voxel(const df_packet_job *job, packet *p, const uint32_t voxel
     }
 }
 
-/* The cells of `size` voxels that the packet may meet between two planes across the main axis; false when none within
- * the limits. */
-static bool packet_slice(const packet *p, float plane_low, float plane_high, float size, const int32_t low[2],
-                         const int32_t high[2], slice *out) {
-    float from = ((p->sign > 0 ? plane_low : plane_high) - p->origin[p->main]) * (float)p->sign;
-    const float to = ((p->sign > 0 ? plane_high : plane_low) - p->origin[p->main]) * (float)p->sign;
-    if (to < 0) return false; /* behind the eye */
-    from = from < 0 ? 0 : from;
-    for (int i = 0; i < 2; i++) {
-        const float origin = p->origin[i ? p->v : p->u], least = p->slope[i][0], most = p->slope[i][1];
-        const float first = floorf((origin + fminf(from * least, to * least) - MARGIN) / size);
-        const float last = floorf((origin + fmaxf(from * most, to * most) + MARGIN) / size);
-        if (!(last >= (float)low[i]) || !(first <= (float)high[i])) return false;
-        out->low[i] = first < (float)low[i] ? low[i] : (int32_t)first;
-        out->high[i] = last > (float)high[i] ? high[i] : (int32_t)last;
-    }
-    return true;
-}
-
 /* Looks at the voxels of one block, slice by slice; clip: only those that the packet's bounds meet. */
 static void visit_block(const df_packet_job *job, packet *p, const uint32_t coarse[3], uint32_t block,
                         df_counters *counters) {
     const df_scene *scene = job->scene;
+    const df_frustum *f = &p->frustum;
     const uint32_t k = scene->k, words = df_brick_mask_words(k);
     const uint64_t *mask = scene->masks + (uint64_t)block * words;
     const int32_t base[3] = {(int32_t)(coarse[0] * k), (int32_t)(coarse[1] * k), (int32_t)(coarse[2] * k)};
-    const int32_t low[2] = {base[p->u], base[p->v]}, high[2] = {low[0] + (int32_t)k - 1, low[1] + (int32_t)k - 1};
+    const int32_t low[2] = {base[f->u], base[f->v]}, high[2] = {low[0] + (int32_t)k - 1, low[1] + (int32_t)k - 1};
     for (uint32_t n = 0; n < k; n++) {
-        const uint32_t along = p->sign > 0 ? n : k - 1 - n;
-        const float plane = (float)(base[p->main] + (int32_t)along);
-        slice s = {{low[0], low[1]}, {high[0], high[1]}};
-        if (job->clip && !packet_slice(p, plane, plane + 1, 1, low, high, &s)) continue;
+        const uint32_t along = f->sign > 0 ? n : k - 1 - n;
+        const float plane = (float)(base[f->main] + (int32_t)along);
+        df_frustum_cells s = {{low[0], low[1]}, {high[0], high[1]}};
+        if (job->clip && !df_frustum_slice(f, plane, plane + 1, 1, low, high, &s)) continue;
         for (int32_t v = s.low[1]; v <= s.high[1]; v++) {
             for (int32_t u = s.low[0]; u <= s.high[0]; u++) {
                 uint32_t voxel[3];
-                voxel[p->main] = (uint32_t)base[p->main] + along;
-                voxel[p->u] = (uint32_t)u;
-                voxel[p->v] = (uint32_t)v;
+                voxel[f->main] = (uint32_t)base[f->main] + along;
+                voxel[f->u] = (uint32_t)u;
+                voxel[f->v] = (uint32_t)v;
                 const uint32_t bit = (voxel[0] - (uint32_t)base[0]) +
                                      k * ((voxel[1] - (uint32_t)base[1]) + k * (voxel[2] - (uint32_t)base[2]));
                 counters->fine_steps++;
@@ -147,30 +120,31 @@ static void visit_block(const df_packet_job *job, packet *p, const uint32_t coar
 /* The distance along the main axis from the eye up to which rays still look for something nearer. */
 static float farthest(const packet *p) {
     float most = 0;
-    for (uint32_t i = 0; i < p->count; i++) most = fmaxf(most, p->depth[i] * fabsf(p->direction[p->main][i]));
+    for (uint32_t i = 0; i < p->count; i++) most = fmaxf(most, p->depth[i] * fabsf(p->direction[p->frustum.main][i]));
     return most;
 }
 
 static void walk(const df_packet_job *job, packet *p, df_counters *counters) {
     const df_scene *scene = job->scene;
+    const df_frustum *f = &p->frustum;
     const float k = (float)scene->k;
     const int32_t low[2] = {0, 0},
-                  high[2] = {(int32_t)scene->coarse_count[p->u] - 1, (int32_t)scene->coarse_count[p->v] - 1};
-    const int32_t count = (int32_t)scene->coarse_count[p->main];
+                  high[2] = {(int32_t)scene->coarse_count[f->u] - 1, (int32_t)scene->coarse_count[f->v] - 1};
+    const int32_t count = (int32_t)scene->coarse_count[f->main];
     for (int32_t n = 0; n < count; n++) {
-        const int32_t along = p->sign > 0 ? n : count - 1 - n;
-        const float from = ((p->sign > 0 ? (float)along : (float)along + 1) * k - p->origin[p->main]) * (float)p->sign;
-        slice s;
-        if (from + k < p->reach[0] - MARGIN) continue;
-        if (from > p->reach[1] + MARGIN) return;
-        if (!packet_slice(p, (float)along * k, (float)(along + 1) * k, k, low, high, &s)) continue;
+        const int32_t along = f->sign > 0 ? n : count - 1 - n;
+        const float from = ((f->sign > 0 ? (float)along : (float)along + 1) * k - f->origin[f->main]) * f->sign;
+        df_frustum_cells s;
+        if (from + k < p->reach[0] - DF_FRUSTUM_MARGIN) continue;
+        if (from > p->reach[1] + DF_FRUSTUM_MARGIN) return;
+        if (!df_frustum_slice(f, (float)along * k, (float)(along + 1) * k, k, low, high, &s)) continue;
         if (farthest(p) < from * 0.9999f) return;
         for (int32_t v = s.low[1]; v <= s.high[1]; v++) {
             for (int32_t u = s.low[0]; u <= s.high[0]; u++) {
                 uint32_t coarse[3];
-                coarse[p->main] = (uint32_t)along;
-                coarse[p->u] = (uint32_t)u;
-                coarse[p->v] = (uint32_t)v;
+                coarse[f->main] = (uint32_t)along;
+                coarse[f->u] = (uint32_t)u;
+                coarse[f->v] = (uint32_t)v;
                 counters->coarse_steps++;
                 const uint64_t row = coarse[1] + (uint64_t)scene->coarse_count[1] * coarse[2];
                 const uint32_t block = scene->coarse[coarse[0] + scene->coarse_count[0] * row];
@@ -204,26 +178,15 @@ static bool gather(const df_packet_job *job, uint32_t x0, uint32_t y0, uint32_t 
         }
         p->depth[i] = INFINITY;
     }
-    for (int a = 0; a < 3; a++) p->origin[a] = rays->origin[a][0];
-    const float d[3] = {fabsf(p->direction[0][0]), fabsf(p->direction[1][0]), fabsf(p->direction[2][0])};
-    p->main = d[0] >= d[1] && d[0] >= d[2] ? 0 : d[1] >= d[2] ? 1 : 2;
-    p->u = (p->main + 1) % 3;
-    p->v = (p->main + 2) % 3;
-    p->sign = p->direction[p->main][0] > 0 ? 1 : -1;
-    for (int i = 0; i < 2; i++) {
-        p->slope[i][0] = INFINITY;
-        p->slope[i][1] = -INFINITY;
-    }
+    const float origin[3] = {rays->origin[0][0], rays->origin[1][0], rays->origin[2][0]},
+                first_direction[3] = {p->direction[0][0], p->direction[1][0], p->direction[2][0]};
+    df_frustum_begin(&p->frustum, origin, first_direction);
     p->reach[0] = INFINITY;
     p->reach[1] = -INFINITY;
     for (uint32_t i = 0; i < p->count; i++) {
-        const float along = p->direction[p->main][i] * (float)p->sign;
-        if (!(along > 0.01f * d[p->main])) return false;
-        for (int m = 0; m < 2; m++) {
-            const float slope = p->direction[m ? p->v : p->u][i] / along;
-            p->slope[m][0] = fminf(p->slope[m][0], slope);
-            p->slope[m][1] = fmaxf(p->slope[m][1], slope);
-        }
+        const float direction[3] = {p->direction[0][i], p->direction[1][i], p->direction[2][i]};
+        if (!df_frustum_add(&p->frustum, direction)) return false;
+        const float along = fabsf(direction[p->frustum.main]);
         float first = 0, last = INFINITY;
         if (job->bounds) {
             const uint32_t ray = p->ray[i];
