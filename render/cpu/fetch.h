@@ -67,6 +67,37 @@ static inline void df_fetch_corners(const df_scene *scene, const uint32_t voxel[
     for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
 }
 
+/* The corners of voxels and their blocks, minus iso, by lane, but not of octrees. Only the lanes of `bits`, of which
+ * there is one, are looked at. */
+static inline void df_fetch_cells(const df_scene *scene, const int32_t voxel[3][DF_LANES],
+                                  const int32_t block[DF_LANES], uint32_t bits, lf corner[8], df_sample_type type) {
+    float decoded[DF_LANES][8];
+    const float *from[DF_LANES] = {NULL};
+    size_t row = 2, slice = 4;
+    const int first = __builtin_ctz(bits);
+    for (int i = first; i < DF_LANES; i++) {
+        from[i] = from[first];
+        if (!(bits >> i & 1)) continue;
+        const uint32_t at[3] = {(uint32_t)voxel[0][i], (uint32_t)voxel[1][i], (uint32_t)voxel[2][i]};
+        const df_fetch f = df_fetch_corner(scene, at, (uint32_t)block[i]);
+        if (type == DF_SAMPLE_F32) {
+            from[i] = (const float *)scene->field->samples + f.corner;
+            row = f.row;
+            slice = f.slice;
+            continue;
+        }
+        const float step = df_fetch_step(scene->field, (uint32_t)block[i], type);
+        for (int pair = 0; pair < 4; pair++) {
+            df_fetch_row(scene->field->samples, f.corner + (pair & 1 ? f.row : 0) + (pair & 2 ? f.slice : 0), step, 2,
+                         decoded[i] + 2 * pair, type);
+        }
+        from[i] = decoded[i];
+    }
+    for (int i = 0; i < first; i++) from[i] = from[first];
+    lf_load_pairs(from, row, slice, corner);
+    for (int c = 0; c < 8; c++) corner[c] = corner[c] - lf_set(scene->iso);
+}
+
 /* The corners, minus iso, of records of a surface and their blocks, by lane. */
 static inline void df_fetch_records(const df_scene *scene, const df_surface *surface, const int32_t record[DF_LANES],
                                     const int32_t block[DF_LANES], lf corner[8], df_sample_type type) {

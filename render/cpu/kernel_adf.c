@@ -177,20 +177,18 @@ uint32_t DF_KERNEL(df_kernel_adf)(const df_packet_job *job, df_candidate *candid
     uint32_t hits = 0;
     for (uint32_t y = 0; y < tile->height; y += height) {
         for (uint32_t x = 0; x < tile->width; x += width) {
-            int32_t ray[DF_LANES];
             float base[DF_LANES];
             packet p;
-            const uint32_t valid = df_packet_rays(tile, x, y, width, ray);
-            df_packet_load(&tile->rays, ray, p.origin, p.direction, p.inverse);
-            for (int i = 0; i < DF_LANES; i++)
-                base[i] = df_footprint_base(job->footprint, &tile->rays, (uint32_t)ray[i]);
+            const uint32_t valid = df_packet_load(tile, x, y, width, p.origin, p.direction, p.inverse);
+            for (uint32_t i = 0; i < DF_LANES; i++)
+                base[i] = df_footprint_base(job->footprint, &tile->rays, df_packet_ray(tile, x, y, width, i));
             p.footprint = lf_set((float)job->footprint);
             p.footprint_base = lf_load(base);
             trace(job, &p, counters);
             for (uint32_t bits = lm_bits(p.done) & valid; bits; bits &= bits - 1) {
-                const int i = __builtin_ctz(bits);
+                const uint32_t i = (uint32_t)__builtin_ctz(bits);
                 candidates[hits++] = (df_candidate){
-                    .ray = (uint32_t)ray[i],
+                    .ray = df_packet_ray(tile, x, y, width, i),
                     .block = p.block[i],
                     .cell = {(uint16_t)p.corner[0][i], (uint16_t)p.corner[1][i], (uint16_t)p.corner[2][i]},
                     .flags = p.flags[i]};

@@ -5,34 +5,39 @@
 #include "render/cpu/kernels.h"
 #include "render/methods/lane.h"
 
-/* The pixels of a packet: a block as square as may be. Lanes beyond the tile repeat its first ray; the bits of the
- * others are returned. */
-static inline uint32_t df_packet_rays(const df_tile *tile, uint32_t x0, uint32_t y0, uint32_t width,
-                                      int32_t ray[DF_LANES]) {
+/* How many rays of a packet are side by side: of arbitrary rays, which have one row, all; of pixels a block as square
+ * as may be. */
+static inline uint32_t df_packet_width(const df_tile *tile) { return tile->height == 1 ? DF_LANES : DF_SQUARE_WIDTH; }
+
+/* The ray of a lane of the packet at pixel (x,y) of a tile. Lanes beyond the tile repeat the first. */
+static inline uint32_t df_packet_ray(const df_tile *tile, uint32_t x, uint32_t y, uint32_t width, uint32_t lane) {
+    const uint32_t column = x + lane % width, row = y + lane / width;
+    return column < tile->width && row < tile->height ? row * tile->width + column : y * tile->width + x;
+}
+
+/* Loads the rays of a packet; returns the bits of the lanes that lie in the tile. */
+static inline uint32_t df_packet_load(const df_tile *tile, uint32_t x, uint32_t y, uint32_t width, lf origin[3],
+                                      lf direction[3], lf inverse[3]) {
+    const df_rays *rays = &tile->rays;
+    const uint32_t first = y * tile->width + x, height = DF_LANES / width;
+    const bool whole = x + width <= tile->width && y + height <= tile->height;
+    int32_t ray[DF_LANES];
     uint32_t valid = 0;
-    for (uint32_t i = 0; i < DF_LANES; i++) {
-        const uint32_t x = x0 + i % width, y = y0 + i / width;
-        const bool within = x < tile->width && y < tile->height;
-        ray[i] = (int32_t)(within ? y * tile->width + x : y0 * tile->width + x0);
-        valid |= (uint32_t)within << i;
+    for (uint32_t i = 0; i < DF_LANES && !whole; i++) {
+        ray[i] = (int32_t)df_packet_ray(tile, x, y, width, i);
+        valid |= (uint32_t)(x + i % width < tile->width && y + i / width < tile->height) << i;
     }
-    return valid;
-}
-
-/* How many rays of a packet are side by side: of arbitrary rays, which have one row, all. */
-static inline uint32_t df_packet_width(const df_tile *tile) {
-    if (tile->height == 1) return DF_LANES;
-    return DF_LANES == 16 ? 4 : DF_LANES == 8 ? 4 : DF_LANES == 4 ? 2 : 1;
-}
-
-static inline void df_packet_load(const df_rays *rays, const int32_t ray[DF_LANES], lf origin[3], lf direction[3],
-                                  lf inverse[3]) {
-    const li index = li_load(ray);
     for (int a = 0; a < 3; a++) {
-        origin[a] = rays->shared_origin ? lf_set(rays->origin[a][0]) : lf_gather(rays->origin[a], index);
-        direction[a] = lf_gather(rays->direction[a], index);
-        inverse[a] = lf_gather(rays->inverse[a], index);
+        const float *const from[3] = {rays->origin[a], rays->direction[a], rays->inverse[a]};
+        lf *const to[3] = {&origin[a], &direction[a], &inverse[a]};
+        for (int i = 0; i < 3; i++) {
+            if (i == 0 && rays->shared_origin) *to[i] = lf_set(from[i][0]);
+            else if (!whole) *to[i] = lf_gather(from[i], li_load(ray));
+            else if (height == 1) *to[i] = lf_load(from[i] + first);
+            else *to[i] = lf_load_square(from[i] + first, tile->width);
+        }
     }
+    return whole ? (uint32_t)((1ull << DF_LANES) - 1) : valid;
 }
 
 #endif

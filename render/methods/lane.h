@@ -10,9 +10,11 @@
  *   ld, ldm   DF_DOUBLE_LANES doubles and the masks of their comparisons: half as many in SIMD, ld_part takes the
  *             lower (0) or the upper (1) half of an lf
  *
- * lf_load_8 takes 8 floats of every lane from an address of its own: out[c] holds number c of all. lf_compress and
- * li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. lm_bits has
- * lane 0 in bit 0.
+ * lf_load_8 takes 8 floats of every lane from an address of its own: out[c] holds number c of all. lf_load_pairs takes
+ * them in pairs, two rows and two slices of a cell: from 0, row, slice and row + slice after the address.
+ * lf_load_square takes DF_SQUARE_WIDTH floats from each of as many rows as make DF_LANES, `stride` apart. lf_compress
+ * and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. li_tally adds 1 to the
+ * lanes of a mask. lm_bits has lane 0 in bit 0.
  *
  * The wide types exist for SSE4.1 (4), AVX2 (8) and AVX-512 (16); the compiler's flags must allow them. In C only.
  */
@@ -25,9 +27,20 @@
 #define DF_LANES 1
 #endif
 
-#if DF_LANES == 4 || DF_LANES == 8
+/* The lanes as a block of pixels: how many are side by side. */
+#define DF_SQUARE_WIDTH (DF_LANES >= 8 ? 4 : DF_LANES == 4 ? 2 : 1)
+
+#if DF_LANES > 1
 #include <immintrin.h>
 
+/* Two floats each from two places. */
+static inline __m128 lf_two_pairs(const float *a, const float *b) {
+    const __m128d low = _mm_load_sd((const double *)(const void *)a);
+    return _mm_castpd_ps(_mm_loadh_pd(low, (const double *)(const void *)b));
+}
+#endif
+
+#if DF_LANES == 4 || DF_LANES == 8
 /* The numbers of which `bits` tells, side by side, first; the others are whatever. */
 static inline __m128i li_pack_four(__m128i a, uint32_t bits) {
 #define DF_FOUR(n) 0x03020100 + 0x04040404 * n /* the bytes of number n */
@@ -124,9 +137,17 @@ static inline void li_compress(int32_t *p, lm m, li a) {
     if (m) *p = a;
 }
 static inline li li_gather(const int32_t *base, li index) { return base[index]; }
+static inline lf lf_load_square(const float *p, size_t stride) {
+    (void)stride;
+    return *p;
+}
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     for (int c = 0; c < 8; c++) out[c] = from[0][c];
 }
+static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, size_t slice, lf out[8]) {
+    for (int c = 0; c < 8; c++) out[c] = from[0][(c & 1) + (c & 2 ? row : 0) + (c & 4 ? slice : 0)];
+}
+static inline li li_tally(li sum, lm m) { return sum + m; }
 static inline li li_select(lm m, li a, li b) { return m ? a : b; }
 static inline li li_masked(lm m, li a) { return m ? a : 0; }
 static inline lm li_lt(li a, li b) { return a < b; }
@@ -144,7 +165,6 @@ static inline lf lf_from_ld(const ld part[1]) { return (float)part[0]; }
 #endif
 
 #elif DF_LANES == 4
-#include <immintrin.h>
 
 typedef __m128 lf, lm;
 typedef __m128i li;
@@ -184,7 +204,7 @@ static inline void li_store_u16(uint16_t *p, li a) { _mm_storel_epi64((__m128i *
 static inline lf lf_gather(const float *base, li index) {
     int32_t i[4];
     li_store(i, index);
-    return _mm_setr_ps(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
+    return _mm_setr_ps(base[(uint32_t)i[0]], base[(uint32_t)i[1]], base[(uint32_t)i[2]], base[(uint32_t)i[3]]);
 }
 static inline void li_compress(int32_t *p, lm m, li a) { li_store(p, li_pack_four(a, lm_bits(m))); }
 static inline void lf_compress(float *p, lm m, lf a) {
@@ -193,8 +213,9 @@ static inline void lf_compress(float *p, lm m, lf a) {
 static inline li li_gather(const int32_t *base, li index) {
     int32_t i[4];
     li_store(i, index);
-    return _mm_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]]);
+    return _mm_setr_epi32(base[(uint32_t)i[0]], base[(uint32_t)i[1]], base[(uint32_t)i[2]], base[(uint32_t)i[3]]);
 }
+static inline lf lf_load_square(const float *p, size_t stride) { return lf_two_pairs(p, p + stride); }
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     for (int half = 0; half < 2; half++) {
         lf *four = out + 4 * half;
@@ -202,6 +223,17 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
         _MM_TRANSPOSE4_PS(four[0], four[1], four[2], four[3]);
     }
 }
+static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, size_t slice, lf out[8]) {
+    for (int half = 0; half < 2; half++) {
+        lf *four = out + 4 * half;
+        for (int i = 0; i < 4; i++) {
+            const float *corner = from[i] + (half ? slice : 0);
+            four[i] = lf_two_pairs(corner, corner + row);
+        }
+        _MM_TRANSPOSE4_PS(four[0], four[1], four[2], four[3]);
+    }
+}
+static inline li li_tally(li sum, lm m) { return _mm_sub_epi32(sum, _mm_castps_si128(m)); }
 static inline li li_select(lm m, li a, li b) {
     return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m));
 }
@@ -241,7 +273,6 @@ static inline ldm ldm_not(ldm a) { return _mm_xor_pd(a, _mm_castsi128_pd(_mm_set
 static inline int ldm_any(ldm a) { return _mm_movemask_pd(a) != 0; }
 
 #elif DF_LANES == 8
-#include <immintrin.h>
 
 typedef __m256 lf, lm;
 typedef __m256i li;
@@ -284,8 +315,8 @@ static inline void li_store_u16(uint16_t *p, li a) {
 static inline lf lf_gather(const float *base, li index) { /* loads are faster than a gather on Zen */
     int32_t i[8];
     li_store(i, index);
-    return _mm256_setr_ps(base[i[0]], base[i[1]], base[i[2]], base[i[3]], base[i[4]], base[i[5]], base[i[6]],
-                          base[i[7]]);
+    return _mm256_setr_ps(base[(uint32_t)i[0]], base[(uint32_t)i[1]], base[(uint32_t)i[2]], base[(uint32_t)i[3]],
+                          base[(uint32_t)i[4]], base[(uint32_t)i[5]], base[(uint32_t)i[6]], base[(uint32_t)i[7]]);
 }
 static inline void li_pack_eight(void *p, __m256i a, uint32_t bits) {
     const uint32_t low = bits & 15;
@@ -298,12 +329,14 @@ static inline void li_compress(int32_t *p, lm m, li a) { li_pack_eight(p, a, lm_
 static inline li li_gather(const int32_t *base, li index) {
     int32_t i[8];
     li_store(i, index);
-    return _mm256_setr_epi32(base[i[0]], base[i[1]], base[i[2]], base[i[3]], base[i[4]], base[i[5]], base[i[6]],
-                             base[i[7]]);
+    return _mm256_setr_epi32(base[(uint32_t)i[0]], base[(uint32_t)i[1]], base[(uint32_t)i[2]], base[(uint32_t)i[3]],
+                             base[(uint32_t)i[4]], base[(uint32_t)i[5]], base[(uint32_t)i[6]], base[(uint32_t)i[7]]);
 }
-static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
-    lf row[8], pair[8], four[8];
-    for (int i = 0; i < 8; i++) row[i] = _mm256_loadu_ps(from[i]);
+static inline lf lf_load_square(const float *p, size_t stride) {
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1);
+}
+static inline void lf_transpose_8(const lf row[8], lf out[8]) {
+    lf pair[8], four[8];
     for (int i = 0; i < 4; i++) {
         pair[2 * i] = _mm256_unpacklo_ps(row[2 * i], row[2 * i + 1]);
         pair[2 * i + 1] = _mm256_unpackhi_ps(row[2 * i], row[2 * i + 1]);
@@ -319,6 +352,21 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
         out[4 + c] = _mm256_permute2f128_ps(four[c], four[4 + c], 0x31);
     }
 }
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
+    lf rows[8];
+    for (int i = 0; i < 8; i++) rows[i] = _mm256_loadu_ps(from[i]);
+    lf_transpose_8(rows, out);
+}
+static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, size_t slice, lf out[8]) {
+    lf rows[8];
+    for (int i = 0; i < 8; i++) {
+        const __m128 low = lf_two_pairs(from[i], from[i] + row);
+        rows[i] =
+            _mm256_insertf128_ps(_mm256_castps128_ps256(low), lf_two_pairs(from[i] + slice, from[i] + slice + row), 1);
+    }
+    lf_transpose_8(rows, out);
+}
+static inline li li_tally(li sum, lm m) { return _mm256_sub_epi32(sum, _mm256_castps_si256(m)); }
 static inline li li_select(lm m, li a, li b) {
     return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m));
 }
@@ -358,7 +406,6 @@ static inline ldm ldm_not(ldm a) { return _mm256_xor_pd(a, _mm256_castsi256_pd(_
 static inline int ldm_any(ldm a) { return _mm256_movemask_pd(a) != 0; }
 
 #elif DF_LANES == 16
-#include <immintrin.h>
 
 typedef __m512 lf;
 typedef __mmask16 lm;
@@ -403,12 +450,13 @@ static inline lf lf_gather(const float *base, li index) { return _mm512_i32gathe
 static inline void lf_compress(float *p, lm m, lf a) { _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m, a)); }
 static inline void li_compress(int32_t *p, lm m, li a) { _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m, a)); }
 static inline li li_gather(const int32_t *base, li index) { return _mm512_i32gather_epi32(index, base, 4); }
-static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
-    lf row[8], pair[8], four[8];
-    for (int i = 0; i < 8; i++) { /* lane i below, lane i + 8 above */
-        const __m256 low = _mm256_loadu_ps(from[i]), high = _mm256_loadu_ps(from[i + 8]);
-        row[i] = _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
-    }
+static inline lf lf_load_square(const float *p, size_t stride) {
+    const lf low = _mm512_insertf32x4(_mm512_castps128_ps512(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1);
+    return _mm512_insertf32x4(_mm512_insertf32x4(low, _mm_loadu_ps(p + 2 * stride), 2), _mm_loadu_ps(p + 3 * stride),
+                              3);
+}
+static inline void lf_transpose_8(const lf row[8], lf out[8]) { /* lane i below, lane i + 8 above */
+    lf pair[8], four[8];
     for (int i = 0; i < 4; i++) {
         pair[2 * i] = _mm512_unpacklo_ps(row[2 * i], row[2 * i + 1]);
         pair[2 * i + 1] = _mm512_unpackhi_ps(row[2 * i], row[2 * i + 1]);
@@ -426,6 +474,26 @@ static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
         out[4 + c] = _mm512_permutex2var_ps(four[c], odd, four[4 + c]);
     }
 }
+static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
+    lf rows[8];
+    for (int i = 0; i < 8; i++) {
+        const __m256 low = _mm256_loadu_ps(from[i]), high = _mm256_loadu_ps(from[i + 8]);
+        rows[i] = _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+    }
+    lf_transpose_8(rows, out);
+}
+static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, size_t slice, lf out[8]) {
+    lf rows[8];
+    for (int i = 0; i < 8; i++) {
+        const float *low = from[i], *high = from[i + 8];
+        const lf first = _mm512_insertf32x4(_mm512_castps128_ps512(lf_two_pairs(low, low + row)),
+                                            lf_two_pairs(low + slice, low + slice + row), 1);
+        rows[i] = _mm512_insertf32x4(_mm512_insertf32x4(first, lf_two_pairs(high, high + row), 2),
+                                     lf_two_pairs(high + slice, high + slice + row), 3);
+    }
+    lf_transpose_8(rows, out);
+}
+static inline li li_tally(li sum, lm m) { return _mm512_mask_add_epi32(sum, m, sum, _mm512_set1_epi32(1)); }
 static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
 static inline li li_masked(lm m, li a) { return _mm512_maskz_mov_epi32(m, a); }
 static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
