@@ -55,18 +55,6 @@ static inline void df_fetch_row(const void *samples, size_t at, float step, int 
     }
 }
 
-/* df_scene_corners, but not of octrees. */
-static inline void df_fetch_corners(const df_scene *scene, const uint32_t voxel[3], uint32_t block, float corner[8],
-                                    df_sample_type type) {
-    const df_fetch f = df_fetch_corner(scene, voxel, block);
-    const float step = df_fetch_step(scene->field, block, type);
-    for (int i = 0; i < 4; i++) {
-        df_fetch_row(scene->field->samples, f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0), step, 2,
-                     corner + 2 * i, type);
-    }
-    for (int c = 0; c < 8; c++) corner[c] -= scene->iso;
-}
-
 /* The corners of voxels and their blocks, minus iso, by lane, but not of octrees. Only the lanes of `bits`, of which
  * there is one, are looked at. */
 static inline void df_fetch_cells(const df_scene *scene, const int32_t voxel[3][DF_LANES],
@@ -165,18 +153,21 @@ static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[
     const df_fetch f = df_fetch_corner(scene, voxel, block);
     const float step = df_fetch_step(field, block, type);
     df_fetch_face faces[6];
+    const bool known = beyond && df_fetch_faces(scene, voxel, block, &f, step, faces, type);
+    const bool whole_rows = known && faces[0].at + 1 == f.corner && faces[1].at == f.corner + 2;
     for (int i = 0; i < 4; i++) {
-        const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        df_fetch_row(field->samples, f.corner + away, step, 2, out + 4 * i + 1, type);
+        const size_t row = f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
+        if (whole_rows) df_fetch_row(field->samples, row - 1, step, 4, out + 4 * i, type);
+        else df_fetch_row(field->samples, row, step, 2, out + 4 * i + 1, type);
     }
     if (!beyond) return;
-    if (!df_fetch_faces(scene, voxel, block, &f, step, faces, type)) {
+    if (!known) {
         float stencil[64];
         df_scene_stencil(scene, voxel, block, DF_REACH_FACES, stencil, 1);
         for (int i = 0; i < DF_FETCH_STENCIL; i++) out[i] = stencil[df_fetch_place(i)];
         return;
     }
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 4 && !whole_rows; i++) {
         const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
         df_fetch_row(field->samples, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
         df_fetch_row(field->samples, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);

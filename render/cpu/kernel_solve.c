@@ -28,43 +28,40 @@ typedef struct batch {
     lf inside; /* 1 or 0 */
 } batch;
 
-static inline void fetch_corners(const df_scene *scene, const df_candidate *candidates, uint32_t lanes,
-                                 float corners[DF_LANES][8], df_sample_type type) {
-    for (uint32_t i = 0; i < lanes; i++) {
-        const uint32_t voxel[3] = {candidates[i].cell[0], candidates[i].cell[1], candidates[i].cell[2]};
-        df_fetch_corners(scene, voxel, candidates[i].block, corners[i], type);
-    }
-}
-
 /* Lanes past the last candidate repeat it. */
 static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *candidates, uint32_t lanes,
                    batch *in) {
-    float corners[DF_LANES][8], column[11][DF_LANES];
-    const float *from[DF_LANES];
-    if (scene->levels) {
-        DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_corners, scene, candidates, lanes, corners);
-    } else {
-        for (uint32_t i = 0; i < lanes; i++) df_scene_corners(scene, NULL, candidates[i].block, corners[i]);
-    }
+    float column[8][DF_LANES];
+    int32_t cell[3][DF_LANES], block[DF_LANES];
     for (uint32_t i = 0; i < DF_LANES; i++) {
-        const uint32_t lane = i < lanes ? i : lanes - 1;
-        const df_candidate *c = &candidates[lane];
+        const df_candidate *c = &candidates[i < lanes ? i : lanes - 1];
         for (int a = 0; a < 3; a++) {
             column[a][i] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
             column[3 + a][i] = rays->direction[a][c->ray];
-            column[6 + a][i] = (float)c->cell[a];
+            cell[a][i] = c->cell[a];
         }
-        column[9][i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
-        column[10][i] = c->flags & DF_HIT_BACK ? 1 : 0;
-        from[i] = corners[lane];
+        block[i] = (int32_t)c->block;
+        column[6][i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
+        column[7][i] = c->flags & DF_HIT_BACK ? 1 : 0;
     }
     for (int a = 0; a < 3; a++) {
         in->origin[a] = lf_load(column[a]);
         in->direction[a] = lf_load(column[3 + a]);
-        in->cell[a] = lf_load(column[6 + a]);
+        in->cell[a] = lf_from_li(li_load(cell[a]));
     }
-    in->size = lf_load(column[9]);
-    in->inside = lf_load(column[10]);
+    in->size = lf_load(column[6]);
+    in->inside = lf_load(column[7]);
+    if (scene->levels) {
+        const uint32_t all = (uint32_t)((1ull << DF_LANES) - 1);
+        DF_FETCH_BY_TYPE(scene->field->sample_type, df_fetch_cells, scene, cell, block, all, in->corner);
+        return;
+    }
+    float corners[DF_LANES][8];
+    const float *from[DF_LANES];
+    for (uint32_t i = 0; i < DF_LANES; i++) {
+        from[i] = corners[i];
+        df_scene_corners(scene, NULL, (uint32_t)block[i], corners[i]);
+    }
     lf_load_8(from, in->corner);
 }
 
