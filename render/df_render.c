@@ -109,7 +109,9 @@ static const struct argp_option option_table[] = {
      "adf-packet (the same, SIMD packets), "
      "mc-embree and mc-raster (the marching-cubes mesh by Embree and by OpenGL, where built in: see --version); "
      "default "
-     "auto: the fastest that suits the field and the view. OpenCL devices have dda and adf (auto), and cgt, whose "
+     "auto: the fastest that suits the field and the view; a single picture too small to repay what splat prepares "
+     "goes "
+     "by packets (--verbose tells). OpenCL devices have dda and adf (auto), and cgt, whose "
      "packets are "
      "their work groups",
      0},
@@ -460,6 +462,22 @@ static df_status draw_heat(const options *opts, session *s, df_error *err) {
     return status;
 }
 
+/* --tracer auto. The bench's pictures share what is prepared. */
+static const df_tracer *choose_tracer(const options *opts, const session *s) {
+    const df_walk_options *walk = &opts->settings.walk;
+    if (opts->bench_frames) return df_tracer_choose(&s->scene, &s->view, walk);
+    uint64_t repays;
+    const df_tracer *tracer = df_tracer_choose_once(&s->scene, &s->view, walk, &repays);
+    if (opts->verbose && repays) {
+        fprintf(stderr,
+                "df-render: tracer auto: %s: one picture of %u x %u pixels %s what splat prepares (%" PRIu64
+                " would)\n",
+                tracer->name, s->view.width, s->view.height, tracer == &df_tracer_splat ? "repays" : "does not repay",
+                repays);
+    }
+    return tracer;
+}
+
 /* What must happen to the field in memory before the first picture, and after every edit of it. */
 static df_status open_devices(const options *opts, session *s, df_error *err) {
     const df_settings *settings = &opts->settings;
@@ -467,7 +485,7 @@ static df_status open_devices(const options *opts, session *s, df_error *err) {
     if (status != DF_OK) return status;
     const df_tracer *tracer = settings->filter   ? &df_tracer_tricubic
                               : settings->tracer ? settings->tracer
-                                                 : df_tracer_choose(&s->scene, &s->view, &settings->walk);
+                                                 : choose_tracer(opts, s);
     const uint32_t tile = opts->tile ? opts->tile : opts->heat ? df_heat_square(tracer) : 64;
     if (opts->heat &&
         (tracer->whole_frame || (opts->heat == DF_HEAT_STEPS && tracer->own_methods && !settings->filter)))

@@ -123,6 +123,11 @@ const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
  * takes. walk: NULL: no wishes. */
 const df_tracer *df_tracer_choose(const df_scene *scene, const df_view *view, const df_walk_options *walk);
 
+/* The same where only one picture of the scene will be made: one that has too few pixels to repay what splat prepares
+ * goes to the next. *repays: the pixels that it takes; 0 where there was nothing to weigh. */
+const df_tracer *df_tracer_choose_once(const df_scene *scene, const df_view *view, const df_walk_options *walk,
+                                       uint64_t *repays);
+
 /* Names of solves, precisions, gradients, bounds and filters, by number, ended by NULL. */
 extern const char *const df_solve_names[];
 extern const char *const df_precision_names[];
