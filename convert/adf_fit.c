@@ -127,7 +127,7 @@ static void tell_around(const adf_tree *t, uint32_t node) {
 /* Takes in the nodes that were made at the tasks. */
 static df_status take_in(adf_tree *t, const adf_task *tasks, uint32_t count, df_error *err) {
     const uint32_t *starts = t->neighbours.starts;
-    uint32_t *list, fresh[DF_LEVEL_COUNT_MAX + 1];
+    uint32_t *list, fresh[DF_LEVEL_COUNT_MAX + 1] = {0};
     df_status status = make_room(t, err);
     if (status == DF_OK) status = df_alloc_raw((void **)&list, t->family_count, sizeof *list, "octree", err);
     if (status != DF_OK) return status;
@@ -147,6 +147,9 @@ static df_status take_in(adf_tree *t, const adf_task *tasks, uint32_t count, df_
 }
 
 /* ---- fitting ---- */
+
+/* Of floats: what is computed again from the same is the same to the bit. */
+static bool same_bits(const void *x, const void *y, size_t size) { return memcmp(x, y, size) == 0; }
 
 /* Collects what the leaves of a node want, and what the nodes below want of their own corners. */
 static void collect_wishes(const adf_tree *t, uint32_t node) {
@@ -220,7 +223,7 @@ static bool settle(const adf_tree *t, uint32_t node) {
         if (hanging >> s & 1) n->final[s] = df_family_predict(cell, s);
         else n->final[s] = t->wishes ? fitted(t, node, s) : n->exact[s] + 0.0f;
     }
-    return memcmp(before, n->final, sizeof before) != 0;
+    return !same_bits(before, n->final, sizeof before);
 }
 
 /* Hands the nodes among a node's children the values at their corners. */
@@ -233,7 +236,7 @@ static void hand_down(const adf_tree *t, uint32_t node) {
         adf_node *below = adf_node_at(t, number);
         for (uint32_t i = 0; i < 8; i++) {
             float *to = &below->final[df_family_corner(i, i)], value = n->final[df_family_corner(c, i)];
-            changed = changed || memcmp(to, &value, sizeof value) != 0;
+            changed = changed || !same_bits(to, &value, sizeof value);
             *to = value;
         }
         if (changed) t->marks[number].final = t->marks[number].check = t->marks[number].probe = 1;
@@ -254,7 +257,7 @@ static void renew_wishes(const adf_tree *t, uint32_t node) {
     if (!fresh) memcpy(before, t->wishes[node], sizeof before);
     collect_wishes(t, node);
     for (uint32_t s = 0; !fresh && s < 27; s++) {
-        const bool differs = memcmp(&before[s], &t->wishes[node][s], sizeof *before) != 0;
+        const bool differs = !same_bits(&before[s], &t->wishes[node][s], sizeof *before);
         changed = changed || differs;
         corners = corners || (differs && df_family_slot(s) < 0);
     }
