@@ -236,7 +236,7 @@ def draw_storage(table, folder):
     shades = {"f32": "#0072b2", "u16": "#009e73", "u8": "#d55e00"}
     for structure, mark in styles.items():
         for samples, colour in shades.items():
-            rows = table.select(kind="storage", structure=structure, samples=samples)
+            rows = table.select(kind="storage", structure=structure, samples=samples, tracer="")
             if not rows:
                 continue
             name = f"{structure}_{samples}"
@@ -244,6 +244,10 @@ def draw_storage(table, folder):
             plots.append(f"${name} using 1:2 with points pt {mark} ps 1.3 lc rgb '{colour}' title '{structure} {samples}'")
             if name == "dense_f32":
                 plots.append(f"${name} using 1:2:3 with labels offset 0,0.8 font ',8' notitle noenhanced")
+    cubic = table.select(kind="storage", tracer="tricubic")
+    if cubic:
+        body += data_block("cubic", [(r["bytes"], max(number(r["depth_p99"]), 1e-6)) for r in cubic])
+        plots.append("$cubic using 1:2 with points pt 3 ps 1.3 lc rgb 'black' title 'dense f32, tricubic (Catmull-Rom)'")
     if plots:
         both_formats(folder, "storage", 900, 560, body + "plot " + ", ".join(plots) + "\n")
 

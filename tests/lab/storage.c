@@ -1,4 +1,5 @@
 #include "storage.h"
+#include "render/methods/filter.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -71,6 +72,48 @@ static df_status measure_storage(lab_session *session, const char *name, const l
     return lab_row_write(session, &s, &r);
 }
 
+/* The tracer of cubic reconstruction, with its filter decided. */
+static df_status prepare_catmull_rom(const df_scene *scene, const df_trace_options *options, void **state,
+                                     df_error *err) {
+    df_trace_options with_filter = *options;
+    with_filter.filter = DF_FILTER_CATMULL_ROM;
+    return df_tracer_tricubic.prepare(scene, &with_filter, state, err);
+}
+
+/* What the samples of a dense field hold when 64 of them are read for a value and not 8. */
+static df_status measure_tricubic(lab_session *session, const char *name, const lab_surface *surface,
+                                  const df_field *dense, uint64_t rays) {
+    const df_scene_options options = {0};
+    df_tracer tracer = df_tracer_tricubic;
+    lab_score score = {0};
+    lab_subject s = {.surface = *surface, .field = *dense};
+    snprintf(s.name, sizeof s.name, "%s", name);
+    const lab_row r = {.kind = "storage",
+                       .tracer = tracer.name,
+                       .intersect = df_filter_names[DF_FILTER_CATMULL_ROM],
+                       .precision = "",
+                       .gradient = "",
+                       .truth = "surface",
+                       .family = "camera",
+                       .rays = rays,
+                       .score = &score,
+                       .ns_per_ray = -1,
+                       .ns_per_hit = -1};
+    if (lab_row_have(session, &s, &r)) return DF_OK;
+    tracer.prepare = prepare_catmull_rom;
+    df_status status = df_scene_prepare(dense, 0, &options, &s.scene, session->err);
+    const lab_run run = {.tracer = &tracer,
+                         .scene = &s.scene,
+                         .surface = surface,
+                         .family = LAB_CAMERA,
+                         .seed = LAB_SEED,
+                         .count = rays};
+    if (status == DF_OK) status = lab_measure(&run, &score, session->err);
+    if (status == DF_OK) status = lab_row_write(session, &s, &r);
+    df_scene_free(&s.scene);
+    return status;
+}
+
 df_status lab_measure_structures(lab_session *session, const char *name, uint32_t size, uint64_t rays) {
     df_status status = DF_OK;
     df_field dense = {0};
@@ -82,6 +125,8 @@ df_status lab_measure_structures(lab_session *session, const char *name, uint32_
             continue; /* the test octree fills a cube of a power of two */
         status = lab_field_make(name, size, 0, kinds[k], &surface, &field, session->err);
         if (status == DF_OK) status = measure_storage(session, name, &surface, &field, rays);
+        if (status == DF_OK && kinds[k] == DF_FIELD_DENSE)
+            status = measure_tricubic(session, name, &surface, &field, rays);
         for (int t = DF_SAMPLE_U16; t <= DF_SAMPLE_U8 && k == 0 && status == DF_OK; t++) {
             status = quantise(&field, (df_sample_type)t, &dense, session->err);
             if (status == DF_OK) status = measure_storage(session, name, &surface, &dense, rays);
