@@ -39,7 +39,7 @@ def charts(folder, rows):
     at_size, at_field = (lambda r: r["megapixels"] == main_size), (lambda r: r["voxels"] == largest)
     return [chart(folder, "frame-by-voxels", f"A picture of {main_size:.2g} megapixels", "voxels along the longest side", "ms", by("voxels", "frame_ms", at_size)),
             chart(folder, "frame-by-pixels", f"A picture of {largest} voxels", "megapixels", "ms", by("megapixels", "frame_ms", at_field)),
-            chart(folder, "first-by-voxels", "The first picture, and each after an edit", "voxels along the longest side", "ms", by("voxels", "first_ms", at_size)),
+            chart(folder, "first-by-voxels", "The first picture, with all that it needs", "voxels along the longest side", "ms", by("voxels", "first_ms", at_size)),
             chart(folder, "bytes-by-voxels", "What is kept in memory to draw", "voxels along the longest side", "bytes", by("voxels", "bytes", at_size))]
 
 
@@ -63,16 +63,16 @@ def growth_words(rows):
 
 def crossing_words(ray, mesh):
     """From how many pictures of an unchanged field on the mesh costs less, and what a changed field costs."""
-    later, faster = mesh["before_ms"] - ray["before_ms"], ray["frame_ms"] - mesh["frame_ms"]  # n pictures: the mesh saves n * faster - later
+    later, faster = mesh["first_ms"] - ray["first_ms"], ray["frame_ms"] - mesh["frame_ms"]  # n pictures: the mesh saves (n - 1) * faster - later
     edit = f"; after an edit, {figure(mesh['edit_ms'])} ms to the next picture, and {figure(ray['edit_ms'])} by ray tracing"
     name = NAMES[mesh["tracer"]]
-    if faster > later and faster >= 0:
+    if later < 0 and faster >= 0:
         return f"{name}: cheaper from the first picture on{edit}"
     if faster > 0:
-        return f"{name}: from {math.floor(later / faster) + 1} pictures of an unchanged field on the mesh is cheaper{edit}"
-    if faster > later:
-        return f"{name}: cheaper up to {math.ceil(later / faster) - 1} pictures of an unchanged field{edit}"
-    first = (mesh["before_ms"] + mesh["frame_ms"]) / (ray["before_ms"] + ray["frame_ms"])
+        return f"{name}: from {math.floor(later / faster) + 2} pictures of an unchanged field on the mesh is cheaper{edit}"
+    if later < 0:
+        return f"{name}: cheaper up to {math.ceil(later / faster)} pictures of an unchanged field{edit}"
+    first = mesh["first_ms"] / ray["first_ms"]
     return f"{name}: never cheaper; a picture takes {mesh['frame_ms'] / ray['frame_ms']:.2g} times as long, the first {first:.2g} times{edit}"
 
 
@@ -89,8 +89,8 @@ def amount(value):
     return "" if value in (None, "", 0) else f"{value / 1e6:.3g} M" if value >= 1e6 else f"{value / 1e3:.3g} k"
 
 
-LINES = [("extract_ms", "extracting the mesh, ms", figure), ("build_ms", "masks, tree or upload, ms", figure), ("frame_ms", "a picture, ms", figure),
-         ("first_ms", "these three: the first, ms", figure), ("edit_ms", "measured after an edit, ms", figure), ("bytes", "bytes kept", amount),
+LINES = [("extract_ms", "extracting the mesh, ms", figure), ("build_ms", "masks, tree or upload, ms", figure), ("first_frame_ms", "a picture with what only the first needs, ms", figure),
+         ("first_ms", "these three: the first picture, ms", figure), ("frame_ms", "a further picture, ms", figure), ("edit_ms", "measured after an edit, ms", figure), ("bytes", "bytes kept", amount),
          ("triangles", "triangles", amount), ("depth_median", "depth off, median voxel", figure), ("depth_p99", "depth off, 99 %", figure),
          ("mesh_median", "off the original, median voxel", figure), ("mesh_p99", "off the original, 99 %", figure),
          ("normal_mean_deg", "normals off, mean °", figure), ("pixels_off", "pixels off, share", figure)]
@@ -169,8 +169,8 @@ def write(folder, rows, shows):
     page = ("<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width, initial-scale=1'>"
             f"<title>Ray tracing a field, or drawing its mesh</title><style>{STYLE}</style><body><h1>Ray tracing a field, or drawing its marching-cubes mesh</h1>"
             "<p>The same fields, camera and shading. <i>Before</i> is all that happens between the field in memory and the first picture: masks for ray tracing; "
-            "extraction, tree or upload for the mesh. An edit of the field makes it happen again; that picture is measured as a whole, with what a program "
-            "does but once (compiling shaders, say).</p>"
+            "extraction, tree or upload for the mesh. The first picture is all that and a picture, with what is made at its first use (OpenGL's code for "
+            "shaders, say). An edit of the field makes it happen again; that picture is measured as a whole.</p>"
             f"<div class=charts>{pictures}</div><ul>{growth}</ul>{''.join(section(s, rows) for s in shows)}<script>{SCRIPT}</script></body></html>")
     with open(os.path.join(folder, "index.html"), "w", encoding="utf-8") as file:
         file.write(page)

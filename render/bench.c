@@ -1,5 +1,6 @@
 #include "render/bench.h"
 #include "common/memory.h"
+#include "common/progress.h"
 #include "common/version.h"
 
 #include <inttypes.h>
@@ -77,7 +78,9 @@ df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *
     if (status == DF_OK)
         status = df_alloc((void **)&bench->edit_ms, bench->repeats, sizeof *bench->edit_ms, "bench", err);
     if (status == DF_OK) status = frame_view(settings, field, 0, &view, err);
+    const double start = df_now_ms();
     if (status == DF_OK) status = df_devices_frame(devices, &view, picture, NULL, err); /* warms up */
+    bench->first_frame_ms = df_now_ms() - start;
     if (status == DF_OK && bench->deal_frames) return run_dealt(bench, devices, settings, field, err);
     for (uint32_t repeat = 0; repeat < bench->repeats && status == DF_OK; repeat++) {
         double total = 0;
@@ -173,7 +176,7 @@ void df_bench_print_header(FILE *out) {
     for (int i = 0; i < COLUMN_COUNT; i++) fprintf(out, "%s,", columns[i]);
     fprintf(out,
             "frames,repeats,frame_ms_min,frame_ms_median,frame_ms_max,ns_per_ray_min,ns_per_ray_median,mrays_per_s,"
-            "ns_per_hitting_ray,model_bytes,edit_ms,machine,compiler,flags,commit,command\n");
+            "ns_per_hitting_ray,model_bytes,edit_ms,first_frame_ms,machine,compiler,flags,commit,command\n");
 }
 
 df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *report, df_error *err) {
@@ -201,9 +204,10 @@ df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *repo
     const double least = bench->repeat_ms[0], most = bench->repeat_ms[bench->repeats - 1];
     const uint64_t model = field->sample_count * df_sample_size(field->sample_type) + report->precompute_bytes;
     machine_name(machine, sizeof machine);
-    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",%.4f,", bench->frames, bench->repeats, least,
-            median, most, least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3,
-            hits > 0 ? median * 1e6 / hits : 0.0, model, median_of(bench->edit_ms, bench->repeats));
+    fprintf(out, "%u,%u,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%" PRIu64 ",%.4f,%.4f,", bench->frames, bench->repeats,
+            least, median, most, least * 1e6 / rays, median * 1e6 / rays, rays / median / 1e3,
+            hits > 0 ? median * 1e6 / hits : 0.0, model, median_of(bench->edit_ms, bench->repeats),
+            bench->first_frame_ms);
     put_text(out, machine);
     fputc(',', out);
     put_text(out, "gcc " __VERSION__);

@@ -10,13 +10,14 @@ typedef struct df_bench {
     uint32_t frames, repeats;
     bool deal_frames; /* devices make whole frames, each the next one that waits, not rows of every frame */
     const char *command;
-    double *repeat_ms;    /* by repeat: the mean time of its frames; sorted by df_bench_print */
-    double *edit_ms;      /* by repeat, for the caller to fill: from an edited field to its picture */
-    df_frame_stats stats; /* summed over the frames of the last repeat */
+    double *repeat_ms;     /* by repeat: the mean time of its frames; sorted by df_bench_print */
+    double *edit_ms;       /* by repeat, for the caller to fill: from an edited field to its picture */
+    double first_frame_ms; /* the frame before all others, with what is made at the first use: shaders' code, pages */
+    df_frame_stats stats;  /* summed over the frames of the last repeat */
 } df_bench;
 
 /* Renders frames * repeats pictures on open devices; the first azimuth, the elevation and the distance are those of the
- * settings' orbit. One frame is rendered before, unmeasured. Free with df_bench_free. */
+ * settings' orbit. One frame is rendered before, which counts as first_frame_ms alone. Free with df_bench_free. */
 df_status df_bench_run(df_bench *bench, df_devices *devices, const df_settings *settings, const df_field *field,
                        const df_picture *picture, df_error *err);
 void df_bench_free(df_bench *bench);
