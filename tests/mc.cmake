@@ -4,6 +4,8 @@ df_test(test_mc_mesh LABELS unit LIBS distfield-render CGAL::CGAL SOURCES fields
 set_source_files_properties(mesh_judge.cpp PROPERTIES COMPILE_OPTIONS "-Wno-shadow") # CGAL's headers
 add_test(NAME test_mc_mesh_full COMMAND test_mc_mesh full)
 set_tests_properties(test_mc_mesh_full PROPERTIES LABELS slow TIMEOUT 1200 ENVIRONMENT OMP_WAIT_POLICY=passive)
+df_script_test(test_mc_2048 LABELS slow)
+set_tests_properties(test_mc_2048 PROPERTIES TIMEOUT 1200)
 df_script_test(test_export_mesh LABELS unit)
 df_script_test(test_mc_tracers LABELS unit)
 df_script_test(test_bounds_gl LABELS unit)
