@@ -456,7 +456,7 @@ static df_status draw_heat(const options *opts, session *s, df_error *err) {
     float white = 0;
     df_status status = df_heat_measure(s->devices, &s->view, &s->picture, &s->report.stats, err);
     if (status == DF_OK) status = df_heat_colour(&s->picture, &white, err);
-    snprintf(s->heat_text, sizeof s->heat_text, "white is %.4g %s a ray", (double)white,
+    snprintf(s->heat_text, sizeof s->heat_text, "white is %.*f %s a ray", white < 100 ? 1 : 0, (double)white,
              opts->heat == DF_HEAT_TIME ? "ns" : "cells");
     if (status == DF_OK && opts->verbose) fprintf(stderr, "df-render: heat: %s\n", s->heat_text);
     return status;

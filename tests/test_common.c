@@ -2,17 +2,23 @@
 #include "common/digest.h"
 #include "common/field.h"
 #include "common/image.h"
+#include "common/interrupt.h"
 #include "common/memory.h"
 #include "common/options.h"
 #include "common/output_file.h"
+#include "common/progress.h"
 
 #include <dirent.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <pty.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -170,6 +176,96 @@ static void a_file_size_limit_ends_in_an_error_and_no_file(void **state) {
     assert_int_equal(entries_in_folder(), 0);
 }
 
+static pthread_barrier_t meeting;
+
+static void *read_beyond_the_end(void *mapping) {
+    pthread_barrier_wait(&meeting);
+    return (void *)(uintptr_t) * (volatile char *)mapping;
+}
+
+/* The child of the test below: never returns. */
+static void map_a_file_that_ends(const char *path, int messages) {
+    pthread_t threads[4];
+    const int fd = open(path, O_RDONLY);
+    void *mapping = mmap(NULL, 4096, PROT_READ, MAP_SHARED, fd, 0);
+    dup2(messages, STDERR_FILENO);
+    df_interrupt_guard_mapping(path);
+    pthread_barrier_init(&meeting, NULL, 4);
+    for (int i = 0; i < 4; i++) pthread_create(&threads[i], NULL, read_beyond_the_end, mapping);
+    pthread_join(threads[0], NULL);
+    _exit(3);
+}
+
+/* The messages go to a pipe that is full at first, so that all threads have met the end before the first has spoken. */
+static void threads_that_meet_the_end_of_a_mapping_say_one_line(void **state) {
+    (void)state;
+    df_error err = {0};
+    int status, ends[2], lines = 0;
+    size_t filled = 0;
+    assert_int_equal(df_output_buffer(in_folder("empty"), "", 0, &err), DF_OK);
+    assert_int_equal(pipe(ends), 0);
+    fcntl(ends[1], F_SETFL, O_NONBLOCK);
+    while (write(ends[1], " ", 1) == 1) filled++;
+    fcntl(ends[1], F_SETFL, 0);
+    const pid_t child = fork();
+    if (child == 0) map_a_file_that_ends(in_folder("empty"), ends[1]);
+    close(ends[1]);
+    usleep(200000);
+    size_t size = 0;
+    for (char c; read(ends[0], &c, 1) == 1; size++) lines += c == '\n';
+    close(ends[0]);
+    waitpid(child, &status, 0);
+    assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
+    assert_true(size > filled);
+    assert_int_equal(lines, 1);
+    unlink(in_folder("empty"));
+}
+
+/* What a progress bar over 100 units, begun a second ago, writes to a standard error that is `stream`. */
+static void draw_progress(int stream, bool quiet) {
+    const int standard = dup(STDERR_FILENO);
+    df_progress progress;
+    dup2(stream, STDERR_FILENO);
+    df_progress_begin(&progress, "digging", 100, quiet);
+    progress.start_ms -= 1000;
+    df_progress_add(&progress, 25);
+    df_progress_end(&progress);
+    dup2(standard, STDERR_FILENO);
+    close(standard);
+}
+
+/* What comes out of a terminal before an exclamation mark. */
+static void read_to_mark(int terminal, char text[256]) {
+    size_t size = 0;
+    while (size < 255 && read(terminal, text + size, 1) == 1 && text[size] != '!') size++;
+    text[size] = 0;
+}
+
+static void progress_is_drawn_on_a_terminal_only_and_removed(void **state) {
+    (void)state;
+    int terminal, program, ends[2];
+    char text[256];
+    if (openpty(&terminal, &program, NULL, NULL, NULL) != 0) skip();
+    draw_progress(program, true);
+    assert_int_equal(write(program, "!", 1), 1);
+    read_to_mark(terminal, text);
+    assert_string_equal(text, "");
+    draw_progress(program, false);
+    assert_int_equal(write(program, "!", 1), 1);
+    read_to_mark(terminal, text);
+    assert_ptr_equal(strstr(text, "\rdigging      [=======                       ]  25 %  "), text);
+    assert_string_equal(strrchr(text, '\r'), "\r\033[K");
+    close(terminal);
+    close(program);
+
+    assert_int_equal(pipe(ends), 0);
+    draw_progress(ends[1], false);
+    close(ends[1]);
+    assert_int_equal(read(ends[0], text, sizeof text), 0);
+    close(ends[0]);
+    df_progress_add(NULL, 1);
+}
+
 static void trilinear_is_exact_at_corners_and_on_affine_fields(void **state) {
     (void)state;
     float corners[8], odd[8] = {16777216, -0.3f, 100, -1e-6f, 3e38f, -0.3f, 1, 2};
@@ -244,6 +340,8 @@ int main(void) {
         cmocka_unit_test(devices_are_written_and_stay_devices),
         cmocka_unit_test(folders_and_missing_folders_are_refused),
         cmocka_unit_test(a_file_size_limit_ends_in_an_error_and_no_file),
+        cmocka_unit_test(threads_that_meet_the_end_of_a_mapping_say_one_line),
+        cmocka_unit_test(progress_is_drawn_on_a_terminal_only_and_removed),
         cmocka_unit_test(trilinear_is_exact_at_corners_and_on_affine_fields),
         cmocka_unit_test(an_allocation_that_overflows_is_refused),
         cmocka_unit_test(float_images_say_what_they_are),
