@@ -7,6 +7,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 BIN = os.path.join(ROOT, "build", "release")
@@ -28,23 +29,40 @@ def have(name):
     return False
 
 
+def mesh(folder, name):
+    """The path of a mesh, unpacked where it is not."""
+    packed = MESHES[name]
+    if not packed.endswith(".xz"):
+        return packed
+    os.makedirs(folder, exist_ok=True)
+    plain = os.path.join(folder, os.path.basename(packed)[:-3])
+    if not os.path.exists(plain):
+        with lzma.open(packed) as source, open(plain + ".part", "wb") as target:
+            shutil.copyfileobj(source, target)
+        os.rename(plain + ".part", plain)
+    return plain
+
+
 def field(folder, name, resolution, *options):
     """The path of a field of a mesh, converted unless it is there already."""
     os.makedirs(folder, exist_ok=True)
     tag = "".join(options).replace("--", "_").replace("=", "")
     path = os.path.join(folder, f"{name}_{resolution}{tag}.dfield")
-    if os.path.exists(path):
-        return path
-    mesh = MESHES[name]
-    if mesh.endswith(".xz"):
-        plain = os.path.join(folder, os.path.basename(mesh)[:-3])
-        if not os.path.exists(plain):
-            with lzma.open(mesh) as source, open(plain + ".part", "wb") as target:
-                shutil.copyfileobj(source, target)
-            os.rename(plain + ".part", plain)
-        mesh = plain
-    subprocess.run([CONVERT, mesh, "--resolution", str(resolution), *options, "-q", "-o", path], check=True, stdout=subprocess.DEVNULL)
+    if not os.path.exists(path):
+        subprocess.run([CONVERT, mesh(folder, name), "--resolution", str(resolution), *options, "-q", "-o", path], check=True, stdout=subprocess.DEVNULL)
     return path
+
+
+def process(command):
+    """Runs a command: what it prints, its time, its processor time and its peak memory. Raises RuntimeError with its text where it fails."""
+    begin = time.monotonic()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+        text = child.stdout.read()
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)  # so that Popen does not wait for it again
+    if child.returncode:
+        raise RuntimeError(f"{' '.join(command)}: {text.strip()}")
+    return {"text": text, "seconds": time.monotonic() - begin, "cpu_seconds": usage.ru_utime + usage.ru_stime, "peak_bytes": usage.ru_maxrss * 1024}
 
 
 def bench(path, *options, frames=36, repeats=1):
