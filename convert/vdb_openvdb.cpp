@@ -99,7 +99,8 @@ df_status try_reading(const char *path, df_error *err) {
     if (WIFEXITED(state) && WEXITSTATUS(state) == too_much)
         return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged: it asks for more memory than its size allows",
                        path);
-    return WIFSIGNALED(state) ? df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged", path) : DF_OK;
+    if (WIFEXITED(state) && WEXITSTATUS(state) == 0) return DF_OK;
+    return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged", path);
 }
 
 bool is_level_set(const openvdb::GridBase &grid) {
