@@ -36,7 +36,11 @@ df_status df_export_mesh(const df_field *field, const df_export_options *options
     df_status status = df_mesh_extract(field, options->field_path, &params, &mesh, err);
     df_progress_end(&progress);
     double extracted = df_now_ms();
-    if (status == DF_OK) status = df_mesh_write(&mesh, field, options->path, err);
+    if (status == DF_OK) {
+        df_progress_begin(&progress, "write", df_mesh_write_work(&mesh), options->quiet);
+        status = df_mesh_write(&mesh, field, options->path, &progress, err);
+        df_progress_end(&progress);
+    }
     double written = df_now_ms();
     if (status == DF_OK && (options->stats || options->json)) {
         status = print_report(&mesh, options, extracted - start, written - extracted, err);

@@ -17,6 +17,8 @@ typedef struct stream {
     df_output output;
     char *buffer;
     size_t used;
+    uint64_t records; /* since the last flush, for the progress */
+    df_progress *progress;
     df_status status;
     df_error *err;
 } stream;
@@ -24,6 +26,8 @@ typedef struct stream {
 static void flush(stream *s) {
     if (s->status == DF_OK && s->used) s->status = df_output_write(&s->output, s->buffer, s->used, s->err);
     s->used = 0;
+    df_progress_add(s->progress, s->records);
+    s->records = 0;
 }
 
 /* Room for a record of at most RECORD_MAX bytes; the caller adds what it used to s->used. */
@@ -69,11 +73,13 @@ static void write_ply(stream *s, const df_mesh *mesh, const df_field *field) {
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         double world[3];
         world_position(mesh, field, v, world);
+        s->records++;
         put(s, world, sizeof world);
         if (mesh->normals) put(s, mesh->normals + 3 * (size_t)v, 3 * sizeof(float));
     }
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         char record[13] = {3};
+        s->records++;
         memcpy(record + 1, mesh->triangles + 3 * (size_t)t, 12);
         put(s, record, sizeof record);
     }
@@ -84,6 +90,7 @@ static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         double w[3];
         world_position(mesh, field, v, w);
+        s->records++;
         s->used += (size_t)snprintf(room(s), RECORD_MAX, "v %.12g %.12g %.12g\n", w[0], w[1], w[2]);
     }
     for (uint32_t v = 0; mesh->normals && v < mesh->vertex_count; v++) {
@@ -94,6 +101,7 @@ static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         const uint32_t *v = mesh->triangles + 3 * (size_t)t;
         const uint32_t a = v[0] + 1, b = v[1] + 1, c = v[2] + 1;
+        s->records++;
         if (mesh->normals) {
             s->used += (size_t)snprintf(
                 room(s), RECORD_MAX, "f %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 " %" PRIu32 "//%" PRIu32 "\n",
@@ -106,6 +114,7 @@ static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
 
 static void write_stl(stream *s, const df_mesh *mesh, const df_field *field) {
     char header[80] = "distfield " DF_VERSION; /* must not begin with "solid" */
+    s->records += mesh->vertex_count;          /* of which no more is written than the triangles' corners */
     put(s, header, sizeof header);
     put(s, &mesh->triangle_count, sizeof mesh->triangle_count);
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
@@ -113,6 +122,7 @@ static void write_stl(stream *s, const df_mesh *mesh, const df_field *field) {
             float normal[3], corners[3][3];
         } facet;
         double p[3][3], u[3], w[3], n[3];
+        s->records++;
         for (int i = 0; i < 3; i++) {
             world_position(mesh, field, mesh->triangles[3 * (size_t)t + (size_t)i], p[i]);
             for (int a = 0; a < 3; a++) facet.corners[i][a] = (float)p[i][a];
@@ -129,8 +139,11 @@ static void write_stl(stream *s, const df_mesh *mesh, const df_field *field) {
     }
 }
 
-df_status df_mesh_write(const df_mesh *mesh, const df_field *field, const char *path, df_error *err) {
-    stream s = {.err = err};
+uint64_t df_mesh_write_work(const df_mesh *mesh) { return mesh->vertex_count + (uint64_t)mesh->triangle_count; }
+
+df_status df_mesh_write(const df_mesh *mesh, const df_field *field, const char *path, df_progress *progress,
+                        df_error *err) {
+    stream s = {.progress = progress, .err = err};
     df_status status = df_mesh_check_path(path, err);
     if (status == DF_OK) status = df_alloc_raw((void **)&s.buffer, BUFFER_SIZE, 1, "mesh file", err);
     if (status == DF_OK) status = df_output_open(&s.output, path, err);
