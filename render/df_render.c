@@ -34,7 +34,8 @@ typedef struct options {
     const char *isa;
     const df_kernels *kernels;
     const char *mesh_path;
-    uint32_t mesh_method;   /* df_mc_method */
+    uint32_t mesh_method; /* df_mc_method */
+    bool mesh_method_given;
     uint32_t threads, tile; /* tile 0: not given */
     uint32_t heat;          /* DF_HEAT_... */
     df_devices_options devices;
@@ -95,8 +96,8 @@ static const struct argp_option option_table[] = {
      "Tracers that walk packets are measured by squares of 8 pixels, or of --tile",
      0},
     {"export-mesh", KEY_MESH, "FILE", 0,
-     "Write the surface as triangles, by marching cubes: .ply (binary), .obj or .stl. No picture is made then unless "
-     "-o asks for one",
+     "Write the surface as triangles, by marching cubes, with normals by central differences at the corners: .ply "
+     "(binary), .obj or .stl. No picture is made then unless -o asks for one",
      0},
     {"mesh-topology", KEY_MESH_TOPOLOGY, "NAME", 0,
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
@@ -188,6 +189,10 @@ static void check(struct argp_state *state, df_status status, const df_error *er
     if (status != DF_OK) argp_error(state, "%s", err->text);
 }
 
+static bool wants_picture(const options *opts) {
+    return opts->output_path || opts->depth_path || opts->normals_path || opts->from_path;
+}
+
 static error_t on_option(int key, char *argument, struct argp_state *state) {
     options *opts = state->input;
     df_error err;
@@ -205,6 +210,7 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
     case 'q': opts->quiet = true; return 0;
     case KEY_MESH: opts->mesh_path = argument; return 0;
     case KEY_MESH_TOPOLOGY:
+        opts->mesh_method_given = true;
         check(state, df_parse_name("--mesh-topology", argument, df_mc_method_names, &opts->mesh_method, &err), &err);
         return 0;
     case KEY_HEAT: check(state, df_parse_name("--heat", argument, df_heat_names, &opts->heat, &err), &err); return 0;
@@ -261,6 +267,14 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         }
         if (opts->bench_frames && !opts->settings.has_orbit) opts->settings.orbit[0] = opts->settings.orbit[1] = 0;
         if (opts->from_path && opts->mesh_path) argp_error(state, "--from and --export-mesh contradict each other");
+        if (opts->mesh_method_given && !opts->mesh_path)
+            argp_error(state, "--mesh-topology is about a mesh that is written: it needs --export-mesh");
+        if (opts->mesh_path && !opts->bench_frames && !wants_picture(opts) &&
+            (opts->settings.tracer || opts->settings.has_methods || opts->settings.quality_auto)) {
+            argp_error(state,
+                       "--export-mesh makes no picture: without -o, --depth or --normals it cannot go with --tracer, "
+                       "--intersect, --steps, --precision, --gradient or --quality");
+        }
         if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
         return 0;
     default: return ARGP_ERR_UNKNOWN;
@@ -328,10 +342,6 @@ static df_status read_original(options *opts, session *s, df_error *err) {
     }
     if (!opts->field_path) opts->field_path = field;
     return df_settings_parse(&opts->settings, text, opts->from_path, err);
-}
-
-static bool wants_picture(const options *opts) {
-    return opts->output_path || opts->depth_path || opts->normals_path || opts->from_path;
 }
 
 static df_status read_field(const options *opts, session *s, df_error *err) {
