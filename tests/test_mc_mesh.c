@@ -289,6 +289,33 @@ static void bricks_give_the_mesh_of_the_dense_field(void **state) {
     df_field_free(&bricks);
 }
 
+/* Rounded samples, decoded block by block, and beyond a block for normals: the mesh is that of the values. */
+static void quantised_fields_give_the_mesh_of_their_values(void **state) {
+    (void)state;
+    const df_sample_type types[] = {DF_SAMPLE_U16, DF_SAMPLE_U8};
+    for (int i = 0; i < 4; i++) {
+        df_field quantised, values;
+        df_mesh a, b;
+        df_error err;
+        const df_field_kind kind = i & 1 ? DF_FIELD_BRICKS : DF_FIELD_DENSE;
+        const uint32_t count[3] = {29, 32, 27};
+        assert_int_equal(test_field_sphere(&quantised, kind, 8, count, 9.3, &err), DF_OK);
+        assert_int_equal(test_field_sphere(&values, kind, 8, count, 9.3, &err), DF_OK);
+        assert_int_equal(test_field_quantise(&quantised, types[i >> 1], &err), DF_OK);
+        float *decoded = (float *)values.samples;
+        for (uint64_t s = 0; s < values.sample_count; s++) decoded[s] = df_field_decode(&quantised, s, -3);
+        assert_int_equal(df_field_finish(&values, "values", &err), DF_OK);
+        extract(&quantised, (df_mc_params){0}, &a);
+        extract(&values, (df_mc_params){0}, &b);
+        assert_same_mesh(&a, &b);
+        assert_int_equal(check_mesh(&a).euler, 2);
+        df_mesh_free(&a);
+        df_mesh_free(&b);
+        df_field_free(&quantised);
+        df_field_free(&values);
+    }
+}
+
 static double dense_value(const df_field *field, const double grid[3]) {
     uint32_t voxel[3];
     double local[3];
@@ -501,6 +528,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(levels_of_an_octree_meet_without_cracks),
         cmocka_unit_test(bytes_are_the_same_for_any_thread_count),
         cmocka_unit_test(bricks_give_the_mesh_of_the_dense_field),
+        cmocka_unit_test(quantised_fields_give_the_mesh_of_their_values),
         cmocka_unit_test(vertices_lie_on_the_trilinear_surface),
         cmocka_unit_test(a_sphere_is_accurate_and_faces_outwards),
         cmocka_unit_test(a_surface_that_leaves_the_box_has_its_border_there),
