@@ -201,12 +201,23 @@ static lm accept(tile_walk *walk, const packet *p, const lf lower[3], li block, 
     return hit;
 }
 
+/* The mask of the block that all active lanes are in, if it is one; NULL where it has not 16 words, or 4 lanes would
+ * not read it faster so. */
+static const int32_t *shared_mask(const df_scene *scene, li block, lm active) {
+    int32_t blocks[DF_LANES];
+    li_store(blocks, block);
+    const int32_t any = blocks[__builtin_ctz(lm_bits(active))];
+    const lm others = lm_or(li_lt(block, li_set(any)), li_lt(li_set(any), block));
+    if (DF_LANES <= 4 || scene->k != 8 || lm_any(lm_and(active, others))) return NULL;
+    return (const int32_t *)(const void *)(scene->masks + (size_t)any * df_brick_mask_words(8));
+}
+
 /* Walks the voxels of every active lane's block, whose lower corner and number are given; returns the lanes that hit.
  * Lanes that have come to a voxel with surface wait for the others. */
 static lm walk_blocks(tile_walk *walk, const packet *p, const lf corner[3], li block, events at, lm active,
                       found_cells *out) {
     const df_scene *scene = walk->scene;
-    const int32_t *masks = (const int32_t *)(const void *)scene->masks;
+    const int32_t *masks = (const int32_t *)(const void *)scene->masks, *shared = shared_mask(scene, block, active);
     const li first = li_mul(li_masked(active, block), li_set(2 * (int32_t)df_brick_mask_words(scene->k)));
     boxes box;
     fine_walk w;
@@ -222,7 +233,8 @@ static lm walk_blocks(tile_walk *walk, const packet *p, const lf corner[3], li b
         do {
             walk->fine = li_tally(walk->fine, active);
             walk->steps++;
-            const li word = li_gather(masks, li_add(first, li_and(li_shift_right(w.place, 5), li_set(15))));
+            const li at_word = li_and(li_shift_right(w.place, 5), li_set(15));
+            const li word = shared ? li_lookup(shared, at_word) : li_gather(masks, li_add(first, at_word));
             const lm surface = lm_and(active, li_bit(word, li_and(w.place, li_set(31))));
             waiting = lm_or(waiting, surface);
             active = step_fine(&w, p, lm_andnot(active, surface));

@@ -14,7 +14,7 @@
  * them in pairs, two rows and two slices of a cell: from 0, row, slice and row + slice after the address.
  * lf_load_square takes DF_SQUARE_WIDTH floats from each of as many rows as make DF_LANES, `stride` apart. lf_compress
  * and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. li_tally adds 1 to the
- * lanes of a mask. lm_bits has lane 0 in bit 0.
+ * lanes of a mask. li_lookup takes entries of a table of 16 that all lanes share. lm_bits has lane 0 in bit 0.
  *
  * The wide types exist for SSE4.1 (4), AVX2 (8) and AVX-512 (16); the compiler's flags must allow them. In C only.
  */
@@ -148,6 +148,7 @@ static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, 
     for (int c = 0; c < 8; c++) out[c] = from[0][(c & 1) + (c & 2 ? row : 0) + (c & 4 ? slice : 0)];
 }
 static inline li li_tally(li sum, lm m) { return sum + m; }
+static inline li li_lookup(const int32_t table[16], li index) { return table[index]; }
 static inline li li_select(lm m, li a, li b) { return m ? a : b; }
 static inline li li_masked(lm m, li a) { return m ? a : 0; }
 static inline lm li_lt(li a, li b) { return a < b; }
@@ -234,6 +235,7 @@ static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, 
     }
 }
 static inline li li_tally(li sum, lm m) { return _mm_sub_epi32(sum, _mm_castps_si128(m)); }
+static inline li li_lookup(const int32_t table[16], li index) { return li_gather(table, index); }
 static inline li li_select(lm m, li a, li b) {
     return _mm_castps_si128(_mm_blendv_ps(_mm_castsi128_ps(b), _mm_castsi128_ps(a), m));
 }
@@ -367,6 +369,12 @@ static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, 
     lf_transpose_8(rows, out);
 }
 static inline li li_tally(li sum, lm m) { return _mm256_sub_epi32(sum, _mm256_castps_si256(m)); }
+static inline li li_lookup(const int32_t table[16], li index) {
+    const li low = _mm256_permutevar8x32_epi32(li_load(table), index),
+             high = _mm256_permutevar8x32_epi32(li_load(table + 8), index);
+    const lm upper = _mm256_castsi256_ps(_mm256_slli_epi32(index, 28)); /* index & 8 as the sign */
+    return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(low), _mm256_castsi256_ps(high), upper));
+}
 static inline li li_select(lm m, li a, li b) {
     return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(b), _mm256_castsi256_ps(a), m));
 }
@@ -494,6 +502,9 @@ static inline void lf_load_pairs(const float *const from[DF_LANES], size_t row, 
     lf_transpose_8(rows, out);
 }
 static inline li li_tally(li sum, lm m) { return _mm512_mask_add_epi32(sum, m, sum, _mm512_set1_epi32(1)); }
+static inline li li_lookup(const int32_t table[16], li index) {
+    return _mm512_permutexvar_epi32(index, li_load(table));
+}
 static inline li li_select(lm m, li a, li b) { return _mm512_mask_blend_epi32(m, b, a); }
 static inline li li_masked(lm m, li a) { return _mm512_maskz_mov_epi32(m, a); }
 static inline lm li_lt(li a, li b) { return _mm512_cmplt_epi32_mask(a, b); }
