@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -43,36 +44,6 @@ void lab_counting_off(void) { CALLGRIND_STOP_INSTRUMENTATION; }
 void lab_count_begin(void) { CALLGRIND_ZERO_STATS; }
 
 void lab_count_end(const char *label) { CALLGRIND_DUMP_STATS_AT(label); }
-
-/* In the child. One thread: more would wait for each other for so many instructions. */
-static void become_callgrind(const char *program, const char *folder, const char *const *arguments) {
-    char out[600];
-    const char *command[ARGUMENTS_MAX + 8] = {"valgrind", "-q", "--tool=callgrind", "--instr-atstart=no", out, program};
-    int count = 6;
-    snprintf(out, sizeof out, "--callgrind-out-file=%s/counts", folder);
-    for (int i = 0; arguments[i] && i < ARGUMENTS_MAX; i++) command[count++] = arguments[i];
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
-    setenv("OMP_NUM_THREADS", "1", 1);
-    execvp(command[0], (char *const *)(uintptr_t)command);
-    _exit(NO_VALGRIND);
-}
-
-df_status lab_count_start(const char *const *arguments, lab_count_run *run, df_error *err) {
-    const char *place = getenv("TMPDIR");
-    char program[1024];
-    const ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
-    if (length <= 0) return df_fail(err, DF_ERROR_IO, "/proc/self/exe: cannot be read");
-    program[length] = 0;
-    snprintf(run->folder, sizeof run->folder, "%s/df-lab-XXXXXX", place ? place : "/tmp");
-    if (!mkdtemp(run->folder)) return df_fail(err, DF_ERROR_IO, "%s: cannot make a folder", run->folder);
-    fflush(NULL);
-    run->child = fork();
-    if (run->child == 0) become_callgrind(program, run->folder, arguments);
-    if (run->child > 0) return DF_OK;
-    run->child = 0;
-    rmdir(run->folder);
-    return df_fail(err, DF_ERROR_IO, "valgrind: cannot be started");
-}
 
 df_status lab_counts_add(lab_counts *counts, const char *label, uint64_t instructions, df_error *err) {
     struct lab_count *list = realloc(counts->list, (counts->count + 1) * sizeof *list);
@@ -119,6 +90,36 @@ static df_status empty_folder(lab_count_run *run, lab_counts *counts, df_error *
     rmdir(run->folder);
     run->child = 0;
     return status;
+}
+
+/* In the child. One thread: more would wait for each other for so many instructions. */
+static void become_callgrind(const char *program, const char *folder, const char *const *arguments) {
+    char out[600];
+    const char *command[ARGUMENTS_MAX + 8] = {"valgrind", "-q", "--tool=callgrind", "--instr-atstart=no", out, program};
+    int count = 6;
+    snprintf(out, sizeof out, "--callgrind-out-file=%s/counts", folder);
+    for (int i = 0; arguments[i] && i < ARGUMENTS_MAX; i++) command[count++] = arguments[i];
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    setenv("OMP_NUM_THREADS", "1", 1);
+    execvp(command[0], (char *const *)(uintptr_t)command);
+    _exit(NO_VALGRIND);
+}
+
+df_status lab_count_start(const char *const *arguments, const char *folder, lab_count_run *run, df_error *err) {
+    char program[1024];
+    const ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    if (length <= 0) return df_fail(err, DF_ERROR_IO, "/proc/self/exe: cannot be read");
+    program[length] = 0;
+    snprintf(run->folder, sizeof run->folder, "%s", folder);
+    empty_folder(run, NULL, NULL);
+    if (mkdir(run->folder, 0777) != 0) return df_fail(err, DF_ERROR_IO, "%s: cannot make a folder", run->folder);
+    fflush(NULL);
+    run->child = fork();
+    if (run->child == 0) become_callgrind(program, run->folder, arguments);
+    if (run->child > 0) return DF_OK;
+    run->child = 0;
+    rmdir(run->folder);
+    return df_fail(err, DF_ERROR_IO, "valgrind: cannot be started");
 }
 
 df_status lab_count_finish(lab_count_run *run, lab_counts *counts, df_error *err) {

@@ -40,8 +40,9 @@ typedef struct lab_count_run {
     char folder[512];
 } lab_count_run;
 
-/* Starts this program with these arguments (ended by NULL, without the program's name) under callgrind. */
-df_status lab_count_start(const char *const *arguments, lab_count_run *run, df_error *err);
+/* Starts this program with these arguments (ended by NULL, without the program's name) under callgrind. folder: made
+ * for its files and removed with them; what is left of a run that was cut off is cleared. */
+df_status lab_count_start(const char *const *arguments, const char *folder, lab_count_run *run, df_error *err);
 /* Waits for it and adds its counts; where there was none, does nothing. No valgrind is no error: nothing is added. */
 df_status lab_count_finish(lab_count_run *run, lab_counts *counts, df_error *err);
 /* Ends it; what it has counted is lost. */

@@ -30,7 +30,7 @@ df_status lab_command_count(int argc, char **argv, df_error *err) {
 /* Starts the child that counts, where the processor cannot and a frame is missing. */
 static df_status start_counting(lab_session *session, const lab_subject *s, const char *name, uint32_t size,
                                 bool choices_only) {
-    char text[16];
+    char text[16], folder[512];
     snprintf(text, sizeof text, "%u", size);
     const char *const arguments[] = {
         "count", name, text, session->quick ? "--quick" : "--full", choices_only ? "--choices" : NULL, NULL};
@@ -42,7 +42,8 @@ static df_status start_counting(lab_session *session, const lab_subject *s, cons
     session->stage = LAB_MEASURING;
     if (status != DF_OK || !session->missing) return status;
     session->asked = true;
-    return lab_count_start(arguments, &session->counting, session->err);
+    snprintf(folder, sizeof folder, "%.500s.counts", session->path);
+    return lab_count_start(arguments, folder, &session->counting, session->err);
 }
 
 /* Only what --quality auto chooses, beside the methods that it might have chosen. */

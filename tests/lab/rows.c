@@ -48,7 +48,7 @@ static void read_machine(char *name, size_t size) {
 }
 
 df_status lab_session_open(lab_session *session, const char *path, int argc, char **argv, df_error *err) {
-    *session = (lab_session){.err = err, .counter = lab_counter_open()};
+    *session = (lab_session){.err = err, .path = path, .counter = lab_counter_open()};
     read_machine(session->machine, sizeof session->machine);
     for (int i = 0; i < argc; i++) {
         session->quick |= strcmp(argv[i], "--quick") == 0;

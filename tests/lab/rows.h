@@ -23,6 +23,7 @@ extern const lab_method lab_methods[LAB_METHOD_COUNT];
 typedef enum lab_stage { LAB_MEASURING, LAB_PLANNING, LAB_COUNTING } lab_stage;
 
 typedef struct lab_session {
+    const char *path; /* of the table */
     lab_table table;
     bool quick;
     const df_kernels *kernels;
