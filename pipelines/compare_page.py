@@ -35,12 +35,12 @@ def chart(folder, name, title, x_label, y_label, curves):
 def charts(folder, rows):
     main_size = sorted({r["megapixels"] for r in rows})[len({r["megapixels"] for r in rows}) // 2]
     largest = max(r["voxels"] for r in rows)
-    by = lambda x, y, keep: {t: [(r[x], r[y]) for r in rows if r["tracer"] == t and keep(r) and r[y]] for t in NAMES}
+    by = lambda x, y, keep, unit=1: {t: [(r[x], r[y] / unit) for r in rows if r["tracer"] == t and keep(r) and r[y]] for t in NAMES}
     at_size, at_field = (lambda r: r["megapixels"] == main_size), (lambda r: r["voxels"] == largest)
     return [chart(folder, "frame-by-voxels", f"A picture of {main_size:.2g} megapixels", "voxels along the longest side", "ms", by("voxels", "frame_ms", at_size)),
-            chart(folder, "frame-by-pixels", f"A picture of {largest} voxels", "megapixels", "ms", by("megapixels", "frame_ms", at_field)),
+            chart(folder, "frame-by-pixels", f"A picture of the field of {largest} voxels", "megapixels", "ms", by("megapixels", "frame_ms", at_field)),
             chart(folder, "first-by-voxels", "The first picture, with all that it needs", "voxels along the longest side", "ms", by("voxels", "first_ms", at_size)),
-            chart(folder, "bytes-by-voxels", "What is kept in memory to draw", "voxels along the longest side", "bytes", by("voxels", "bytes", at_size))]
+            chart(folder, "bytes-by-voxels", "What is kept in memory to draw", "voxels along the longest side", "MB", by("voxels", "bytes", at_size, 1e6))]
 
 
 def slope(points):
@@ -57,7 +57,8 @@ def growth_words(rows):
         side = [(r["voxels"], r["frame_ms"]) for r in rows if r["tracer"] == tracer and r["megapixels"] == size]
         pixels = [(r["megapixels"], r["frame_ms"]) for r in rows if r["tracer"] == tracer and r["voxels"] == largest]
         if len(side) > 1 and len(pixels) > 1:
-            words.append(f"{NAMES[tracer]}: a picture takes time as (voxels along a side)^{slope(side):.2f} and as (pixels)^{slope(pixels):.2f}.")
+            words.append(f"{NAMES[tracer]}: twice the voxels along a side take {2 ** slope(side):.2f} times as long, twice the pixels {2 ** slope(pixels):.2f} times "
+                         f"(powers {slope(side):.2f} and {slope(pixels):.2f}).")
     return words
 
 
@@ -97,9 +98,10 @@ LINES = [("extract_ms", "extracting the mesh, ms", figure), ("build_ms", "masks,
 
 
 def table(rows):
-    """A column for each tracer: that fits a phone and paper."""
+    """A column for each tracer, that fits a phone and paper, and a line for what is known of any of them."""
     head = "".join(f"<th>{html.escape(NAMES.get(r['tracer'], r['tracer']))}</th>" for r in rows)
-    body = "".join(f"<tr><td>{title}</td>" + "".join(f"<td>{show(r.get(column))}</td>" for r in rows) + "</tr>" for column, title, show in LINES)
+    body = "".join(f"<tr><td>{title}</td>" + "".join(f"<td>{show(r.get(column))}</td>" for r in rows) + "</tr>" for column, title, show in LINES
+                   if any(show(r.get(column)) for r in rows))
     return f"<div class=wide><table><tr><th></th>{head}</tr>{body}</table></div>"
 
 
@@ -118,7 +120,9 @@ def section(show, rows):
     pick = lambda which, value: f"<select class={which} aria-label='{which} picture'>" + "".join(
         f"<option value='{t}'{' selected' if t == value else ''}>{html.escape(NAMES.get(t, t))}</option>" for t in titles) + "</select>"
     store = "".join(f"<img hidden data-of='{t}' alt='' src='{data_uri('image/png', png)}'>" for t, png in show["images"].items())
+    same = {r["tracer"] for r in own if not any(r[column] for column in ("depth_max", "hits_only_here", "hits_missed"))}
     differences = "".join(f"<figure><img alt='difference of {html.escape(NAMES.get(t, t))}' src='{data_uri('image/png', png)}'><figcaption>{html.escape(NAMES.get(t, t))}"
+                          f"{': no difference' if t in same else ''}"
                           "</figcaption></figure>" for t, png in show["differences"].items() if t != "dda")
     return (f"<section class=field><h2>{name}, {show['voxels']} voxels</h2><p class=picks>{pick('left', titles[0])} {pick('right', right)}</p>"
             f"<div class=wipe><img class=under alt='left picture'><img class=over alt='right picture'><input type=range min=0 max=100 value=50 "
