@@ -120,21 +120,24 @@ static bool cell_is_mixed(const family_place *place, test_function function, con
 static df_status make_adf(df_field *field, test_function function, const void *context, df_error *err) {
     enum { FAMILY_MAX = 1 << 20 };
     df_family *families;
-    family_place *places;
+    family_place *places = NULL;
     float *samples;
-    df_status status = df_alloc((void **)&places, FAMILY_MAX, sizeof *places, "places", err);
-    if (status == DF_OK) status = df_alloc((void **)&families, FAMILY_MAX, sizeof *families, "families", err);
-    if (status == DF_OK) df_field_own(field, families);
-    if (status == DF_OK)
-        status = df_alloc((void **)&samples, 8 + (uint64_t)FAMILY_MAX * DF_FAMILY_STORED_COUNT, sizeof *samples,
-                          "samples", err);
-    if (status != DF_OK) return status;
-    df_field_own(field, samples);
+    uint64_t most = 1, level = 1; /* families */
     for (field->level_count = 1; (1u << field->level_count) < field->voxel_count[0] ||
                                  (1u << field->level_count) < field->voxel_count[1] ||
                                  (1u << field->level_count) < field->voxel_count[2];) {
         field->level_count++;
+        most += level *= 8;
     }
+    if (most > FAMILY_MAX) most = FAMILY_MAX;
+    df_status status = df_alloc((void **)&families, most, sizeof *families, "families", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, families);
+    status = df_alloc_raw((void **)&samples, 8 + most * DF_FAMILY_STORED_COUNT, sizeof *samples, "samples", err);
+    if (status != DF_OK) return status;
+    df_field_own(field, samples);
+    status = df_alloc((void **)&places, most, sizeof *places, "places", err);
+    if (status != DF_OK) return status;
     places[0].side = 1u << field->level_count;
     uint32_t count = 1;
     for (uint32_t f = 0; f < count; f++) {
@@ -145,7 +148,7 @@ static df_status make_adf(df_field *field, test_function function, const void *c
             family_place place = {.side = places[f].side / 2};
             for (int a = 0; a < 3; a++) place.corner[a] = places[f].corner[a] + (child >> a & 1) * place.side;
             bool mixed = place.side > 1 && cell_is_mixed(&place, function, context);
-            if (mixed && count < FAMILY_MAX) {
+            if (mixed && count < most) {
                 families[f].states |= (uint32_t)DF_CHILD_FAMILY << 2 * child;
                 places[count++] = place;
             }
