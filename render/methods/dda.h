@@ -5,6 +5,9 @@
  * A walk is a sequence of events (t, axis): the ray crosses a grid plane of that axis. Of events at the same t the
  * lower axis comes first. The cell after an event is therefore a pure function of the ray and the event, and a walk
  * through bricks visits the very voxels that a walk through the uniform grid visits there.
+ *
+ * The walk from cell to cell stands twice, with the same functions and the same bits: here, and for devices with the
+ * three axes in vectors (opencl/dda_walk.cl).
  */
 #ifndef DF_DDA_H
 #define DF_DDA_H
@@ -39,14 +42,6 @@ typedef struct dda_box {
     float size, inverse_size; /* powers of two */
 } dda_box;
 
-typedef struct dda_walk {
-    float leave[3];      /* where the ray leaves the cell, by axis */
-    float plane[3];      /* the plane it crosses there, grid space */
-    float plane_step[3]; /* to the next one */
-    int32_t left[3];     /* cells up to the end of the box, this one included */
-    int64_t index, stride[3];
-} dda_walk;
-
 static inline float dda_plane_t(const dda_ray *ray, int axis, float plane) {
     return (plane - ray->origin[axis]) * ray->inverse[axis];
 }
@@ -70,6 +65,18 @@ static DF_INLINE int32_t dda_cell_after(const dda_box *box, const dda_ray *ray, 
     return cell;
 }
 
+#ifdef DF_OPENCL
+#include "render/opencl/dda_walk.cl"
+#else
+
+typedef struct dda_walk {
+    float leave[3];      /* where the ray leaves the cell, by axis */
+    float plane[3];      /* the plane it crosses there, grid space */
+    float plane_step[3]; /* to the next one */
+    int32_t left[3];     /* cells up to the end of the box, this one included */
+    int64_t index, stride[3];
+} dda_walk;
+
 /* Places the walk in the cell after an event at which the ray enters the box, or starts in it. */
 static DF_INLINE void dda_begin(dda_walk *w, const dda_box *box, const dda_ray *ray, dda_event at) {
     w->index = box->base;
@@ -91,18 +98,20 @@ static inline void dda_cell(const dda_walk *w, float lower[3]) {
 }
 
 /* Where the ray leaves the cell: along the lowest axis where it leaves through an edge. */
-static inline dda_event dda_exit(const dda_walk *w) {
+static inline void dda_exit(const dda_walk *w, dda_event *out) {
     const bool y = w->leave[1] < w->leave[0];
-    const dda_event xy = {y ? w->leave[1] : w->leave[0], y};
-    return w->leave[2] < xy.t ? (dda_event){w->leave[2], 2} : xy;
+    const float t = y ? w->leave[1] : w->leave[0];
+    const bool z = w->leave[2] < t;
+    out->t = z ? w->leave[2] : t;
+    out->axis = z ? 2 : y;
 }
 
-/* Goes on to the next cell; false where that is outside the box. All three axes take the step, two of them by nothing:
- * no index depends on the ray, so the walk stays in registers. */
-static inline bool dda_step(dda_walk *w, const dda_ray *ray, int axis) {
+/* Goes on to the next cell, through the event of dda_exit; false where that is outside the box. All three axes take the
+ * step, two of them by nothing: no index depends on the ray, so the walk stays in registers. */
+static inline bool dda_step(dda_walk *w, const dda_ray *ray, const dda_event *out) {
     int32_t ended = 0;
     for (int a = 0; a < 3; a++) {
-        const bool crossed = a == axis;
+        const bool crossed = a == out->axis;
         w->left[a] -= crossed;
         ended |= w->left[a] == 0;
         w->index += crossed ? w->stride[a] : 0;
@@ -111,6 +120,8 @@ static inline bool dda_step(dda_walk *w, const dda_ray *ray, int axis) {
     }
     return !ended;
 }
+
+#endif
 
 /* The event at which the walk begins: where the ray enters [0, box], its start inside, or its first t; false where it
  * misses. The cell after any event is that of the whole walk, so it may begin anywhere. */
@@ -165,7 +176,8 @@ static inline bool dda_block(const df_scene *scene, bool isolate, const dda_ray 
             dda_cell(&w, voxel);
             if (dda_accept(scene, isolate, ray, voxel, block, candidate, counters)) return true;
         }
-    } while (dda_step(&w, ray, dda_exit(&w).axis));
+        dda_exit(&w, &at);
+    } while (dda_step(&w, ray, &at));
     return false;
 }
 
@@ -185,15 +197,18 @@ static inline bool dda_two_level(const df_scene *scene, bool isolate, const dda_
     if (!dda_enter_box(ray, extent, &at)) return false;
     dda_begin(&w, &box, ray, at);
     do {
+        uint32_t block;
         counters->coarse_steps++;
-        uint32_t block = scene->coarse[w.index];
-        if (block < DF_CELL_INSIDE) {
-            float lower[3];
-            dda_cell(&w, lower);
-            if (dda_block(scene, isolate, ray, lower, block, at, candidate, counters)) return true;
+        while ((block = scene->coarse[w.index]) >= DF_CELL_INSIDE) { /* a loop of few registers */
+            dda_exit(&w, &at);
+            if (at.t > ray->last || !dda_step(&w, ray, &at)) return false;
+            counters->coarse_steps++;
         }
-        at = dda_exit(&w);
-    } while (at.t <= ray->last && dda_step(&w, ray, at.axis));
+        float lower[3];
+        dda_cell(&w, lower);
+        if (dda_block(scene, isolate, ray, lower, block, at, candidate, counters)) return true;
+        dda_exit(&w, &at);
+    } while (!(at.t > ray->last) && dda_step(&w, ray, &at));
     return false;
 }
 
@@ -214,8 +229,8 @@ static inline bool dda_uniform(const df_scene *scene, bool isolate, const dda_ra
             dda_cell(&w, voxel);
             if (dda_accept(scene, isolate, ray, voxel, 0, candidate, counters)) return true;
         }
-        at = dda_exit(&w);
-    } while (at.t <= ray->last && dda_step(&w, ray, at.axis));
+        dda_exit(&w, &at);
+    } while (!(at.t > ray->last) && dda_step(&w, ray, &at));
     return false;
 }
 
