@@ -13,7 +13,7 @@
 const char *const df_opencl_tracer_names[] = {"dda", "cgt", "adf", NULL};
 
 /* Floats of local memory that df_cgt_view wants for each work item: DF_CGT_VALUES of opencl/cgt.cl. */
-#define CGT_VALUES 9
+#define CGT_VALUES 13
 
 /* A buffer that grows. */
 typedef struct frame_buffer {
@@ -21,7 +21,7 @@ typedef struct frame_buffer {
     uint64_t size;
 } frame_buffer;
 
-enum { KERNEL_TRACE_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT };
+enum { KERNEL_TRACE_VIEW, KERNEL_SHADE_VIEW, KERNEL_TRACE_RAYS, KERNEL_SOLVE_RAYS, KERNEL_COUNT_VIEW, KERNEL_COUNT };
 
 enum { SCENE_SAMPLES, SCENE_EXPONENTS, SCENE_COARSE, SCENE_MASKS, SCENE_ARRAYS };
 enum { SCENE_ARGUMENTS = 5 }; /* of every kernel: the grid and the arrays */
@@ -30,7 +30,7 @@ struct df_opencl_renderer {
     df_opencl device;
     const df_scene *scene;
     df_opencl_options options;
-    size_t group[2], ray_group; /* work items of a group: in x and y, of arbitrary rays */
+    size_t group[2], count_group[2], ray_group; /* work items of a group: in x and y, of arbitrary rays */
     cl_kernel kernels[KERNEL_COUNT];
     cl_mem arrays[SCENE_ARRAYS], shade_table;
     cl_mem image;     /* of the samples; NULL: gradients read the buffer */
@@ -250,34 +250,43 @@ static df_status upload(df_opencl_renderer *r, df_error *err) {
     return r->shade_table ? DF_OK : df_opencl_check(code, "clCreateBuffer", r->device.info.name, err);
 }
 
-/* Creates kernels of the program, and lowers *most to the work items that they have room for in a group. */
-static df_status create_kernels(df_opencl_renderer *r, const char *const names[2], cl_kernel kernels[2], size_t *most,
-                                df_error *err) {
+/* Creates a kernel of the program, and lowers *most to the work items that it has room for in a group. */
+static df_status create_kernel(df_opencl_renderer *r, const char *name, cl_kernel *kernel, size_t *most,
+                               df_error *err) {
     const df_grid grid = make_grid(r->scene);
     const kernel_argument arguments[SCENE_ARGUMENTS] = {ARGUMENT(grid), ARGUMENT(r->arrays[0]), ARGUMENT(r->arrays[1]),
                                                         ARGUMENT(r->arrays[2]), ARGUMENT(r->arrays[3])};
-    df_status status = DF_OK;
-    for (int i = 0; i < 2 && status == DF_OK; i++) {
-        size_t of_kernel;
-        status = df_opencl_kernel(&r->device, names[i], &kernels[i], err);
-        if (status == DF_OK) status = set_arguments(r, kernels[i], 0, arguments, SCENE_ARGUMENTS, err);
-        if (status != DF_OK) return status;
-        DF_CL(&r->device, GetKernelWorkGroupInfo, kernels[i], r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE,
-              sizeof of_kernel, &of_kernel, NULL);
-        if (of_kernel < *most) *most = of_kernel;
-    }
+    size_t of_kernel;
+    df_status status = df_opencl_kernel(&r->device, name, kernel, err);
+    if (status == DF_OK) status = set_arguments(r, *kernel, 0, arguments, SCENE_ARGUMENTS, err);
+    if (status != DF_OK) return status;
+    DF_CL(&r->device, GetKernelWorkGroupInfo, *kernel, r->device.info.id, CL_KERNEL_WORK_GROUP_SIZE, sizeof of_kernel,
+          &of_kernel, NULL);
+    if (of_kernel < *most) *most = of_kernel;
     return status;
 }
 
 /* Builds for the structure of the scene. part: what the build is to hold. */
 static df_status build_part(df_opencl_renderer *r, const char *part, df_error *err) {
-    char build[128];
+    char build[160];
     const df_scene *scene = r->scene;
     snprintf(build, sizeof build, "-DDF_KIND=%d -DDF_LEVELS=%u -DDF_K=%u -DDF_SAMPLE=%d%s", (int)scene->field->kind,
              scene->levels, scene->k, (int)scene->field->sample_type, part);
     df_status status = df_opencl_build(&r->device, build, r->options.log, err);
     r->build_ms += r->device.build_ms;
     return status;
+}
+
+/* The same with walks that do what the options say, and no more. */
+static df_status build_walk(df_opencl_renderer *r, const char *part, df_error *err) {
+    char build[80];
+    snprintf(build, sizeof build, " -DDF_ISOLATE=%d -DDF_BOUNDS=%d%s", DF_SOLVE_ISOLATES(r->options.solve),
+             r->options.bounds != 0, part);
+    return build_part(r, build, err);
+}
+
+static void shrink_group(size_t group[2], size_t most) {
+    while (group[0] * group[1] > most) group[group[1] > 1] /= 2;
 }
 
 /* The work group: as asked for, or what there is room for. */
@@ -289,28 +298,47 @@ static df_status choose_group(df_opencl_renderer *r, size_t most, df_error *err)
     }
     r->group[0] = wanted[0] ? wanted[0] : 8;
     r->group[1] = wanted[0] ? wanted[1] : 8;
-    while (r->group[0] * r->group[1] > most) r->group[r->group[1] > 1] /= 2;
+    shrink_group(r->group, most);
     return DF_OK;
 }
 
-static df_status open_view_kernels(df_opencl_renderer *r, df_error *err) {
+/* The kernel that finds the hits of a view. part: what it does besides. */
+static df_status open_trace_kernel(df_opencl_renderer *r, const char *part, cl_kernel *kernel, size_t *most,
+                                   df_error *err) {
     const bool packets = r->options.tracer == DF_OPENCL_CGT;
-    const char *const names[] = {packets ? "df_cgt_view" : "df_trace_view", "df_shade_view"};
-    char part[32];
+    char build[32];
+    snprintf(build, sizeof build, "%s%s", packets ? " -DDF_CGT" : "", part);
+    df_status status = build_walk(r, build, err);
+    return status == DF_OK ? create_kernel(r, packets ? "df_cgt_view" : "df_trace_view", kernel, most, err) : status;
+}
+
+static df_status open_view_kernels(df_opencl_renderer *r, df_error *err) {
+    cl_kernel *kernels = r->kernels;
     size_t most = r->device.info.group_max;
-    snprintf(part, sizeof part, "%s%s", packets ? " -DDF_CGT" : "", r->image ? " -DDF_IMAGES" : "");
-    df_status status = build_part(r, part, err);
-    if (status == DF_OK) status = create_kernels(r, names, r->kernels + KERNEL_TRACE_VIEW, &most, err);
+    df_status status = open_trace_kernel(r, "", &kernels[KERNEL_TRACE_VIEW], &most, err);
+    if (status == DF_OK) status = build_part(r, r->image ? " -DDF_SHADE -DDF_IMAGES" : " -DDF_SHADE", err);
+    if (status == DF_OK) status = create_kernel(r, "df_shade_view", &kernels[KERNEL_SHADE_VIEW], &most, err);
     return status == DF_OK ? choose_group(r, most, err) : status;
+}
+
+/* When counts are first asked for. */
+static df_status open_count_kernel(df_opencl_renderer *r, df_error *err) {
+    size_t most = r->device.info.group_max;
+    if (r->kernels[KERNEL_COUNT_VIEW]) return DF_OK;
+    df_status status = open_trace_kernel(r, " -DDF_COUNT", &r->kernels[KERNEL_COUNT_VIEW], &most, err);
+    memcpy(r->count_group, r->group, sizeof r->count_group);
+    shrink_group(r->count_group, most);
+    return status;
 }
 
 /* When rays are first asked for: most pictures need none. */
 static df_status open_ray_kernels(df_opencl_renderer *r, df_error *err) {
-    static const char *const names[] = {"df_trace_rays", "df_solve_rays"};
+    cl_kernel *kernels = r->kernels;
     size_t most = r->group[0] * r->group[1];
-    if (r->kernels[KERNEL_SOLVE_RAYS]) return DF_OK;
-    df_status status = build_part(r, " -DDF_RAYS", err);
-    if (status == DF_OK) status = create_kernels(r, names, r->kernels + KERNEL_TRACE_RAYS, &most, err);
+    if (kernels[KERNEL_SOLVE_RAYS]) return DF_OK;
+    df_status status = build_walk(r, " -DDF_RAYS", err);
+    if (status == DF_OK) status = create_kernel(r, "df_trace_rays", &kernels[KERNEL_TRACE_RAYS], &most, err);
+    if (status == DF_OK) status = create_kernel(r, "df_solve_rays", &kernels[KERNEL_SOLVE_RAYS], &most, err);
     r->ray_group = most;
     return status;
 }
@@ -358,28 +386,24 @@ static df_status queue_bounds(df_opencl_renderer *r, const df_view *view, uint32
     return DF_OK;
 }
 
+/* counts: for the kernel that counts, else NULL. */
 static df_status queue_trace(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
                              cl_mem counts, df_error *err) {
     const uint64_t pixels = (uint64_t)view->width * row_count;
-    const cl_int isolate = DF_SOLVE_ISOLATES(r->options.solve);
-    const size_t extent[2] = {view->width, row_count};
+    const size_t extent[2] = {view->width, row_count}, *group = counts ? r->count_group : r->group;
     df_status status = grow(r, &r->found, pixels, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, pixels * 16, "hits", err);
-    const kernel_argument arguments[] = {{sizeof *view, view},
-                                         ARGUMENT(first_row),
-                                         ARGUMENT(row_count),
-                                         ARGUMENT(isolate),
-                                         ARGUMENT(r->intervals.memory),
-                                         ARGUMENT(r->found.memory),
-                                         ARGUMENT(r->candidates.memory),
-                                         ARGUMENT(counts),
-                                         {sizeof(float) * CGT_VALUES * r->group[0] * r->group[1], NULL}};
+    const kernel_argument arguments[] = {
+        {sizeof *view, view},      ARGUMENT(first_row),
+        ARGUMENT(row_count),       ARGUMENT(r->intervals.memory),
+        ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory),
+        ARGUMENT(counts),          {sizeof(float) * CGT_VALUES * group[0] * group[1], NULL}};
     const bool packets = r->options.tracer == DF_OPENCL_CGT;
     const uint32_t argument_count =
         sizeof arguments / sizeof arguments[0] - !packets; /* the last is the packets' local memory */
-    cl_kernel kernel = r->kernels[KERNEL_TRACE_VIEW];
+    cl_kernel kernel = r->kernels[counts ? KERNEL_COUNT_VIEW : KERNEL_TRACE_VIEW];
     if (status == DF_OK) status = set_arguments(r, kernel, SCENE_ARGUMENTS, arguments, argument_count, err);
-    return status == DF_OK ? launch(r, kernel, 2, extent, r->group, err) : status;
+    return status == DF_OK ? launch(r, kernel, 2, extent, group, err) : status;
 }
 
 static df_status queue_shade(df_opencl_renderer *r, const df_view *view, uint32_t first_row, uint32_t row_count,
@@ -455,6 +479,7 @@ df_status df_opencl_renderer_count(df_opencl_renderer *r, const df_view *view, u
     df_status status = df_alloc_raw((void **)&counts, most * 3, sizeof *counts, "counts", err);
     if (status != DF_OK) return status;
     status = df_alloc_raw((void **)&found, most, 1, "counts", err);
+    if (status == DF_OK) status = open_count_kernel(r, err);
     if (status == DF_OK) status = grow(r, &r->counts, most * 12, "counts", err);
     for (uint32_t y = 0; y < view->height && status == DF_OK; y += rows_at_once) {
         const uint32_t rows = view->height - y < rows_at_once ? view->height - y : rows_at_once;
@@ -519,16 +544,20 @@ static df_status upload_rays(df_opencl_renderer *r, const df_rays *rays, df_erro
 
 static df_status queue_rays(df_opencl_renderer *r, const df_rays *rays, df_error *err) {
     const cl_uint count = rays->count, origin_step = !rays->shared_origin;
-    const cl_int solve = r->options.solve, steps = r->options.steps, isolate = DF_SOLVE_ISOLATES(solve);
+    const cl_int solve = r->options.solve, steps = r->options.steps;
     const cl_mem none = NULL;
     const size_t extent[2] = {count, 1}, group[2] = {r->ray_group, 1};
     df_status status = grow(r, &r->found, count, "hits", err);
     if (status == DF_OK) status = grow(r, &r->candidates, count * 16ull, "hits", err);
     if (status == DF_OK) status = grow(r, &r->t, count * 8ull, "hits", err);
     if (status == DF_OK) status = grow(r, &r->positions, count * 12ull, "hits", err);
-    const kernel_argument trace[] = {
-        ARGUMENT(r->rays.memory), ARGUMENT(count),           ARGUMENT(origin_step),          ARGUMENT(count),
-        ARGUMENT(isolate),        ARGUMENT(r->found.memory), ARGUMENT(r->candidates.memory), ARGUMENT(none)};
+    const kernel_argument trace[] = {ARGUMENT(r->rays.memory),
+                                     ARGUMENT(count),
+                                     ARGUMENT(origin_step),
+                                     ARGUMENT(count),
+                                     ARGUMENT(r->found.memory),
+                                     ARGUMENT(r->candidates.memory),
+                                     ARGUMENT(none)};
     const kernel_argument solves[] = {ARGUMENT(r->rays.memory),  ARGUMENT(count),
                                       ARGUMENT(origin_step),     ARGUMENT(count),
                                       ARGUMENT(solve),           ARGUMENT(steps),
