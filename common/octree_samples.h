@@ -1,7 +1,8 @@
 /*
  * Reading an octree: its samples decoded, and its cells found. C and OpenCL C; field.h has the same as functions.
  *
- * A device defines df_field, with the members that stand here, and df_power_of_two before it includes this.
+ * A device defines df_field, with the members that stand here, and df_power_of_two before it includes this. It is given
+ * the corners of the divided cells of all families that are not exact, where C decodes them from an exact one down.
  */
 #ifndef DF_OCTREE_SAMPLES_H
 #define DF_OCTREE_SAMPLES_H
@@ -76,6 +77,12 @@ static inline float df_octree_exact_corner(const df_field *field, uint32_t famil
 }
 
 /* The corners of the divided cell of a family, decoded from the first exact family down. */
+#ifdef DF_OPENCL
+static inline void df_octree_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
+    const DF_GLOBAL float *decoded = field->cells + (size_t)(family - field->exact_count) * 8;
+    for (uint32_t c = 0; c < 8; c++) cell[c] = decoded[c];
+}
+#else
 static inline void df_octree_cell_corners(const df_field *field, uint32_t family, float cell[8]) {
     uint32_t path[DF_LEVEL_COUNT_MAX], depth = 0; /* from the family up to the first whose parents are exact */
     path[depth++] = family;
@@ -84,6 +91,7 @@ static inline void df_octree_cell_corners(const df_field *field, uint32_t family
     while (--depth)
         df_octree_child_corners(field, path[depth], field->families[path[depth - 1]].parent & 7, cell, cell);
 }
+#endif
 
 static inline void df_octree_corners(const df_field *field, uint32_t family, uint32_t child, float corners[8]) {
     float cell[8];

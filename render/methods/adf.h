@@ -13,11 +13,13 @@
 #include "render/methods/dda.h"
 
 typedef struct adf_walk {
-    uint32_t voxel[3];                    /* on the finest level */
-    uint32_t path[DF_LEVEL_COUNT_MAX];    /* families from the root's down to the current leaf's */
-    uint32_t depth;                       /* of the current leaf's family: path[depth] */
-    float cells[DF_LEVEL_COUNT_MAX][8];   /* corner values of the cells that became the families of the path */
-    uint32_t cells_known;                 /* the first so many of them; the rest is decoded when a leaf needs it */
+    uint32_t voxel[3];                 /* on the finest level */
+    uint32_t path[DF_LEVEL_COUNT_MAX]; /* families from the root's down to the current leaf's */
+    uint32_t depth;                    /* of the current leaf's family: path[depth] */
+#ifndef DF_OPENCL
+    float cells[DF_LEVEL_COUNT_MAX][8]; /* corner values of the cells that became the families of the path */
+    uint32_t cells_known;               /* the first so many of them; the rest is decoded when a leaf needs it */
+#endif
     uint32_t corner[3], size_log2, child; /* the current leaf */
     df_child_state state;
 } adf_walk;
@@ -54,14 +56,18 @@ static inline void adf_descend(const df_field *field, const dda_ray *ray, adf_wa
     for (int a = 0; a < 3; a++) w->corner[a] = w->voxel[a] >> w->size_log2 << w->size_log2;
 }
 
-/* The corner values of the leaf, decoded along the path: df_octree_corners for less. */
+/* The corner values of the leaf, decoded along the path: df_octree_corners for less. A device has the cells decoded. */
 static inline void adf_leaf_corners(const df_field *field, adf_walk *w, float corners[8]) {
+#ifdef DF_OPENCL
+    df_octree_corners(field, w->path[w->depth], w->child, corners);
+#else
     for (; w->cells_known <= w->depth; w->cells_known++) {
         const uint32_t parent = w->cells_known - 1;
         df_octree_child_corners(field, w->path[parent], adf_child(field, w, parent), w->cells[parent],
                                 w->cells[parent + 1]);
     }
     df_octree_child_corners(field, w->path[w->depth], w->child, w->cells[w->depth], corners);
+#endif
 }
 
 /* Moves to the voxel after the event at which the ray leaves the leaf; false at the end of the root cube. */
@@ -92,7 +98,9 @@ static inline bool adf_step(const df_field *field, const dda_ray *ray, adf_walk 
     /* The family of the highest level on which the path changes. */
     const uint32_t highest = 31 - df_leading_zeros(changed), depth = field->level_count - 1 - highest;
     if (depth < w->depth) w->depth = depth;
+#ifndef DF_OPENCL
     if (w->cells_known > w->depth + 1) w->cells_known = w->depth + 1;
+#endif
     adf_descend(field, ray, w);
     return true;
 }
@@ -158,8 +166,10 @@ static inline bool adf_walk_scene(const df_scene *scene, bool isolate, const dda
         w.voxel[a] = (uint32_t)(a == at.axis ? first : dda_cell_after(&box, ray, a, upward, at));
     }
     w.path[0] = w.depth = 0;
-    for (int c = 0; c < 8; c++) w.cells[0][c] = ((const DF_GLOBAL float *)field->samples)[c];
+#ifndef DF_OPENCL
+    for (int c = 0; c < 8; c++) w.cells[0][c] = ((const float *)field->samples)[c];
     w.cells_known = 1;
+#endif
     adf_descend(field, ray, &w);
     do {
         if (adf_visit(scene, isolate, ray, &w, &carried, candidate, counters)) return true;

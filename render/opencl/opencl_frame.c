@@ -1,5 +1,6 @@
 #include "render/opencl/opencl_frame.h"
 #include "common/memory.h"
+#include "common/octree_samples.h"
 #include "common/progress.h"
 #include "render/methods/shade.h"
 #include "render/methods/solve_methods.h"
@@ -33,6 +34,7 @@ struct df_opencl_renderer {
     size_t group[2], count_group[2], ray_group; /* work items of a group: in x and y, of arbitrary rays */
     cl_kernel kernels[KERNEL_COUNT];
     cl_mem arrays[SCENE_ARRAYS], shade_table;
+    float *cells;     /* of an octree, which the device may use in place */
     cl_mem image;     /* of the samples; NULL: gradients read the buffer */
     df_bounds bounds; /* of the view's squares, when options ask for them */
     frame_buffer found, candidates, counts, rgb, depth, normals, rays, t, positions, intervals;
@@ -49,7 +51,8 @@ typedef struct scene_array {
     uint64_t size;
 } scene_array;
 
-static void scene_arrays(const df_scene *scene, scene_array arrays[SCENE_ARRAYS]) {
+/* cells: of an octree; NULL where only sizes matter. */
+static void scene_arrays(const df_scene *scene, const float *cells, scene_array arrays[SCENE_ARRAYS]) {
     const df_field *field = scene->field;
     const uint32_t *coarse = scene->coarse_count, *voxels = scene->voxel_count;
     const bool uniform = scene->levels == 1, octree = scene->levels == 0;
@@ -60,6 +63,7 @@ static void scene_arrays(const df_scene *scene, scene_array arrays[SCENE_ARRAYS]
         arrays[SCENE_EXPONENTS] = (scene_array){"exponents", field->brick_exponents, coded};
         arrays[SCENE_COARSE] =
             (scene_array){"octree", field->families, (uint64_t)field->family_count * sizeof *field->families};
+        arrays[SCENE_MASKS] = (scene_array){"cells of the octree", cells, (uint64_t)coded * 8 * sizeof(float)};
         return;
     }
     arrays[SCENE_SAMPLES] =
@@ -81,7 +85,7 @@ df_status df_opencl_fits(const df_scene *scene, uint64_t allocation_max, uint64_
     scene_array arrays[SCENE_ARRAYS];
     uint64_t all = 0, largest = 0;
     char fitting[256] = "";
-    scene_arrays(scene, arrays);
+    scene_arrays(scene, NULL, arrays);
     for (int i = 0; i < SCENE_ARRAYS; i++) {
         all += arrays[i].size;
         if (arrays[i].size > largest) largest = arrays[i].size;
@@ -194,6 +198,7 @@ void df_opencl_renderer_close(df_opencl_renderer *r) {
     }
     df_bounds_free(&r->bounds);
     df_opencl_close(&r->device);
+    free(r->cells);
     free(r);
 }
 
@@ -229,12 +234,30 @@ static df_status upload_image(df_opencl_renderer *r, df_error *err) {
     return status;
 }
 
+/* The corners of the divided cells of the families of an octree that are not exact: a walk and a gradient look at many
+ * leaves, and would decode each from an exact family down. *cells is malloc'ed; NULL where there are none. */
+static df_status decode_cells(const df_field *field, float **cells, df_error *err) {
+    const uint32_t first = field->exact_count;
+    *cells = NULL;
+    if (field->kind != DF_FIELD_ADF || field->family_count == first) return DF_OK;
+    df_status status = df_alloc_raw((void **)cells, (uint64_t)field->family_count - first, 8 * sizeof(float),
+                                    "cells of the octree", err);
+    for (uint32_t family = first; family < field->family_count && status == DF_OK; family++) {
+        const uint32_t parent = field->families[family].parent >> 3, child = field->families[family].parent & 7;
+        float *cell = *cells + 8 * (size_t)(family - first);
+        if (family == 0 || parent < first) df_octree_cell_corners(field, family, cell);
+        else df_octree_child_corners(field, parent, child, *cells + 8 * (size_t)(parent - first), cell);
+    }
+    return status;
+}
+
 static df_status upload(df_opencl_renderer *r, df_error *err) {
     scene_array arrays[SCENE_ARRAYS];
     uint8_t *table;
     df_status status =
         df_opencl_fits(r->scene, r->device.info.allocation_max, r->device.info.memory_size, r->device.info.name, err);
-    scene_arrays(r->scene, arrays);
+    if (status == DF_OK) status = decode_cells(r->scene->field, &r->cells, err);
+    scene_arrays(r->scene, r->cells, arrays);
     for (int i = 0; i < SCENE_ARRAYS && status == DF_OK; i++) {
         status = df_opencl_upload(&r->device, arrays[i].data, arrays[i].size, arrays[i].what, &r->arrays[i],
                                   &r->upload_ms, err);

@@ -32,6 +32,7 @@ typedef struct df_field {
     __global const void *samples;
     __global const char *brick_exponents;
     __global const df_family *families;
+    __global const float *cells; /* 8 corners of the divided cell of each family after the exact ones */
 } df_field;
 
 typedef struct df_scene {
@@ -46,7 +47,8 @@ typedef struct df_scene {
     __global const uint64_t *masks, *rows;
 } df_scene;
 
-/* The arguments with which every kernel that looks at a field begins. coarse: cells, or the families of an octree; masks: of blocks, or of rows where DF_LEVELS is 1. */
+/* The arguments with which every kernel that looks at a field begins. coarse: cells, or the families of an octree; masks: of blocks,
+ * or of rows where DF_LEVELS is 1, or the cells of an octree's families. */
 #define DF_SCENE_PARAMETERS \
     const df_grid grid, __global const df_sample *samples, __global const char *exponents, __global const uint32_t *coarse, \
         __global const uint64_t *masks
@@ -71,6 +73,7 @@ static inline df_scene df_scene_make(const df_grid *grid, __global const df_samp
     scene.field->samples = samples;
     scene.field->brick_exponents = exponents;
     scene.field->families = (__global const df_family *)coarse;
+    scene.field->cells = (__global const float *)masks;
     for (int a = 0; a < 3; a++) {
         scene.voxel_count[a] = grid->voxel_count[a];
         scene.coarse_count[a] = grid->coarse_count[a];
