@@ -1,10 +1,13 @@
 /* Claims about .dfield files: what is written is read back, and nothing damaged is ever read. */
+#include "common/digest.h"
 #include "common/field_file.h"
+#include "common/field_layout.h"
 #include "fields.h"
 
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -209,6 +212,108 @@ static void every_bit_flip_is_refused(void **state) {
     }
 }
 
+/* Checksums that hold for what the bytes have become. The body is shorter than a block of checksums. */
+static void sign_again(uint8_t *bytes) {
+    df_file_header *header = (df_file_header *)bytes;
+    df_file_section *sections = (df_file_section *)(header + 1), *sums = &sections[header->section_count - 1];
+    const uint64_t table_size = header->section_count * sizeof *sections,
+                   body = df_file_align(sizeof *header + table_size);
+    const uint32_t crc = df_crc32c(0, bytes + body, sums->offset - body);
+    memcpy(bytes + sums->offset, &crc, sizeof crc);
+    sums->crc = df_crc32c(0, &crc, sizeof crc);
+    header->table_crc = df_crc32c(0, sections, table_size);
+    header->header_crc = df_crc32c(0, header, sizeof *header - sizeof header->header_crc);
+}
+
+/* Where a lie stands: in the header, in the table's entry of a section, or in the section. */
+typedef enum lie_place { IN_HEADER, IN_ENTRY, IN_SECTION } lie_place;
+
+static uint8_t *find_place(uint8_t *bytes, lie_place place, const char *tag) {
+    df_file_header *header = (df_file_header *)bytes;
+    if (place == IN_HEADER) return bytes;
+    for (df_file_section *s = (df_file_section *)(header + 1);; s++) {
+        assert_true(s < (df_file_section *)(header + 1) + header->section_count);
+        if (memcmp(&s->tag, tag, 4) == 0) return place == IN_ENTRY ? (uint8_t *)s : bytes + s->offset;
+    }
+}
+
+#define HEADER(member) IN_HEADER, "", offsetof(df_file_header, member)
+#define ENTRY(tag, member) IN_ENTRY, tag, offsetof(df_file_section, member)
+
+static void lies_under_right_checksums_are_refused_by_name(void **state) {
+    (void)state;
+    enum { DENSE = DF_FIELD_DENSE, BRICKS = DF_FIELD_BRICKS, ADF = DF_FIELD_ADF };
+    static const struct {
+        int kind;
+        lie_place place;
+        const char *tag;
+        size_t offset;
+        uint32_t value;
+        const char *words;
+    } lies[] = {
+        {DENSE, HEADER(reserved) + 92, 1, "reserved bytes of the header"},
+        {DENSE, HEADER(kind), 0, "kind 0 is not known"},
+        {DENSE, HEADER(kind), ADF + 1, "is not known to this program"},
+        {DENSE, HEADER(sample_type), 0, "sample type 0 is not known"},
+        {DENSE, HEADER(sample_type), DF_SAMPLE_U8 + 1, "is not known"},
+        {DENSE, HEADER(verdict), DF_VERDICT_UNCERTAIN + 1, "verdict 4 is not known"},
+        {DENSE, HEADER(error_max) + 4, 0x7ff80000, "the stored error is not a number"},
+        {DENSE, HEADER(error_rms) + 4, 0xfff80000, "the stored error is not a number"},
+        {DENSE, HEADER(brick_size), 8, "do not fit a dense field"},
+        {DENSE, HEADER(block_count), 1, "do not fit a dense field"},
+        {DENSE, HEADER(level_count), 1, "do not fit a dense field"},
+        {DENSE, HEADER(step_exponent), 1, "do not fit a dense field"},
+        {DENSE, HEADER(voxel_count[1]), 0, "0 voxels along axis 1"},
+        {DENSE, HEADER(voxel_count[2]), 65537, "65537 voxels along axis 2"},
+        {DENSE, HEADER(voxel_count[0]), SIZE_X + 1, "section SAMP has"},
+        {DENSE, HEADER(voxel_size[1]) + 4, 0x80000000, "along axis 1 is not usable"},
+        {DENSE, HEADER(origin[2]) + 4, 0x7ff00000, "along axis 2 is not usable"},
+        {DENSE, HEADER(value_range[0]), 0, "but the header says"},
+        {DENSE, HEADER(sample_count), 1, "but the header says"},
+        {DENSE, ENTRY("SAMP", flags), 2, "is out of place"},
+        {DENSE, ENTRY("SAMP", reserved), 1, "is out of place"},
+        {DENSE, ENTRY("SAMP", crc), 1, "is out of place"},
+        {DENSE, ENTRY("SAMP", tag), DF_SECTION_TAG('S', 'A', 'M', 'E'), "(SAME) is not known to this program"},
+        {DENSE, ENTRY("SAMP", tag), DF_SECTION_CELLS, "section SAMP is missing"},
+        {DENSE, ENTRY("PROV", tag), DF_SECTION_CELLS, "section PROV is missing"},
+        {DENSE, ENTRY("PROV", tag), DF_SECTION_SAMPLES, "have the same name"},
+        {DENSE, IN_SECTION, "PROV", 0, '[', "the provenance is not a JSON object"},
+        {DENSE, IN_SECTION, "SAMP", 40, 0x7fc00000, "samples that are not finite"},
+        {BRICKS, HEADER(brick_size), 5, "brick size 5 (4 and 8 are possible)"},
+        {BRICKS, HEADER(brick_size), 8, "section CELL has"},
+        {BRICKS, HEADER(block_count), 0xffffffff, "section SAMP has"},
+        {BRICKS, IN_SECTION, "CELL", 0, 0x7fffffff, "names brick"},
+        {BRICKS, IN_SECTION, "RANG", 0, 0, "section RANG does not fit the samples"},
+        {BRICKS, IN_SECTION, "MASK", 0, 0x12345678, "section MASK does not fit the samples"},
+        {BRICKS, IN_SECTION, "SAMP", 40, 0xff800000, "samples that are not finite"},
+        {KIND_PACKED, IN_SECTION, "STEP", 0, 0x65656565, "has a step of 2^101"},
+        {KIND_PACKED, ENTRY("PACK", tag), DF_SECTION_SAMPLES, "section PACK is missing"},
+        {ADF, HEADER(exact_count), 1, "octree families are exact"},
+        {ADF, HEADER(level_count), 17, "an octree of 17 levels"},
+        {ADF, HEADER(level_count), 3, "an octree of 3 levels for 9 voxels"},
+        {ADF, IN_SECTION, "SAMP", 40, 0x7f800000, "not finite"},
+    };
+    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; i++) {
+        df_field field, back;
+        df_error err = {0};
+        size_t size;
+        make(&field, lies[i].kind);
+        assert_int_equal(df_field_write(&field, path_a, &err), DF_OK);
+        uint8_t *bytes = read_whole(path_a, &size);
+        sign_again(bytes);
+        write_whole(path_b, bytes, size);
+        assert_int_equal(df_field_read(path_b, DF_READ_COPY, &back, &err), DF_OK);
+        df_field_free(&back);
+        memcpy(find_place(bytes, lies[i].place, lies[i].tag) + lies[i].offset, &lies[i].value, sizeof lies[i].value);
+        sign_again(bytes);
+        refuses(bytes, size, lies[i].words, lies[i].offset);
+        df_field_read(path_b, DF_READ_COPY, &back, &err);
+        if (!strstr(err.text, lies[i].words)) fail_msg("'%s' instead of '%s'", err.text, lies[i].words);
+        free(bytes);
+        df_field_free(&field);
+    }
+}
+
 static void samples_and_masks_agree_between_dense_and_bricks(void **state) {
     (void)state;
     df_field dense, bricks;
@@ -316,6 +421,7 @@ int main(void) {
         cmocka_unit_test(an_octree_with_a_family_too_many_or_too_few_is_refused),
         cmocka_unit_test(every_truncation_is_refused),
         cmocka_unit_test(every_bit_flip_is_refused),
+        cmocka_unit_test(lies_under_right_checksums_are_refused_by_name),
         cmocka_unit_test(samples_and_masks_agree_between_dense_and_bricks),
         cmocka_unit_test(missing_and_special_files_are_refused),
     };

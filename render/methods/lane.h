@@ -35,8 +35,8 @@
 
 /* Two floats each from two places. */
 static inline __m128 lf_two_pairs(const float *a, const float *b) {
-    const __m128d low = _mm_load_sd((const double *)(const void *)a);
-    return _mm_castpd_ps(_mm_loadh_pd(low, (const double *)(const void *)b));
+    const __m128i low = _mm_loadl_epi64((const __m128i *)(const void *)a); /* wherever floats lie, unlike _mm_load_sd */
+    return _mm_loadh_pi(_mm_castsi128_ps(low), (const __m64 *)(const void *)b);
 }
 #endif
 
