@@ -96,8 +96,8 @@ static const struct argp_option option_table[] = {
      "Tracers that walk packets are measured by squares of 8 pixels, or of --tile",
      0},
     {"export-mesh", KEY_MESH, "FILE", 0,
-     "Write the surface as triangles, by marching cubes, with normals by central differences at the corners: .ply "
-     "(binary), .obj or .stl. No picture is made then unless -o asks for one",
+     "Write the surface as triangles, by marching cubes, with normals by --gradient: .ply (binary), .obj or .stl. No "
+     "picture is made then unless -o asks for one",
      0},
     {"mesh-topology", KEY_MESH_TOPOLOGY, "NAME", 0,
      "correct: that of the trilinear surface (default); classic: by the signs of the corners alone", 0},
@@ -270,10 +270,10 @@ static error_t on_option(int key, char *argument, struct argp_state *state) {
         if (opts->mesh_method_given && !opts->mesh_path)
             argp_error(state, "--mesh-topology is about a mesh that is written: it needs --export-mesh");
         if (opts->mesh_path && !opts->bench_frames && !wants_picture(opts) &&
-            (opts->settings.tracer || opts->settings.has_methods || opts->settings.quality_auto)) {
+            (opts->settings.tracer || opts->settings.has_solve || opts->settings.quality_auto)) {
             argp_error(state,
                        "--export-mesh makes no picture: without -o, --depth or --normals it cannot go with --tracer, "
-                       "--intersect, --steps, --precision, --gradient or --quality");
+                       "--intersect, --steps, --precision or --quality");
         }
         if (opts->quiet && opts->verbose) argp_error(state, "--quiet and --verbose contradict each other");
         return 0;
@@ -598,6 +598,7 @@ static df_status export_mesh(const options *opts, const session *s, df_error *er
                                       .field_path = opts->field_path,
                                       .iso = (float)opts->settings.iso,
                                       .method = (df_mc_method)opts->mesh_method,
+                                      .gradient = opts->settings.gradient,
                                       .threads = opts->threads,
                                       .quiet = opts->quiet,
                                       .stats = report && opts->stats,

@@ -109,9 +109,9 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
         if (status == DF_OK) s->quality_auto = number == 1;
         return status;
     }
-    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "precision") == 0 ||
-        strcmp(name, "gradient") == 0)
-        s->has_methods = true;
+    if (strcmp(name, "intersect") == 0 || strcmp(name, "steps") == 0 || strcmp(name, "precision") == 0)
+        s->has_solve = true;
+    if (strcmp(name, "gradient") == 0) s->has_gradient = true;
     if (strcmp(name, "intersect") == 0) {
         status = df_parse_name("--intersect", value, df_solve_names, &number, err);
         if (status == DF_OK) s->solve = (int)number;
@@ -136,12 +136,13 @@ df_status df_settings_set(df_settings *s, const char *name, const char *value, b
 }
 
 df_status df_settings_camera(const df_settings *s, const df_field *field, df_camera *camera, df_error *err) {
-    if (s->quality_auto && s->has_methods) {
+    const bool has_methods = s->has_solve || s->has_gradient;
+    if (s->quality_auto && has_methods) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--quality auto chooses the methods: it cannot go with --intersect, --steps, --precision or "
                        "--gradient");
     }
-    if (s->filter && (s->tracer || s->has_methods || s->quality_auto || s->walk.bounds)) {
+    if (s->filter && (s->tracer || has_methods || s->quality_auto || s->walk.bounds)) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--filter %s has a tracer, a solve and a gradient of its own: it cannot go with --tracer, "
                        "--intersect, --steps, --precision, --gradient, --quality or --bounds",
@@ -154,7 +155,7 @@ df_status df_settings_camera(const df_settings *s, const df_field *field, df_cam
                        s->walk.lod);
     if (s->walk.split && s->tracer != &df_tracer_packet)
         return df_fail(err, DF_ERROR_USAGE, "--split is about packets of dda-packet: it needs --tracer dda-packet");
-    if (s->tracer && s->tracer->own_methods && s->has_methods) {
+    if (s->tracer && s->tracer->own_methods && has_methods) {
         return df_fail(err, DF_ERROR_USAGE,
                        "--tracer %s draws a mesh, which has its own hits and normals: it cannot go with --intersect, "
                        "--steps, --precision or --gradient",

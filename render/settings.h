@@ -14,8 +14,9 @@ typedef struct df_settings {
     const df_tracer *tracer; /* NULL: auto */
     int solve, steps, precision, gradient;
     int filter;        /* not trilinear: df_tracer_tricubic draws */
-    bool quality_auto; /* choose them by quality.h; has_methods: some of them is given, which contradicts that */
-    bool has_methods;
+    bool quality_auto; /* choose them by quality.h: contradicts what is given of them */
+    bool has_solve;    /* intersection, steps or precision are given */
+    bool has_gradient;
     df_walk_options walk;
     double orbit[3]; /* degrees, degrees, multiples of the longest side: used when there is no eye */
     bool has_orbit, has_eye, has_look_at, has_up;

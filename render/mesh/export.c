@@ -1,5 +1,8 @@
 #include "render/mesh/export.h"
 
+#include "render/mesh/mesh_normals.h"
+#include "render/methods/gradient.h"
+
 #include <inttypes.h>
 #include <jansson.h>
 #include <stdio.h>
@@ -35,6 +38,8 @@ df_status df_export_mesh(const df_field *field, const df_export_options *options
         .iso = options->iso, .method = options->method, .thread_count = options->threads, .progress = &progress};
     df_status status = df_mesh_extract(field, options->field_path, &params, &mesh, err);
     df_progress_end(&progress);
+    if (status == DF_OK && options->gradient != DF_GRADIENT_CORNER_CENTRAL) /* those are the mesh's own */
+        status = df_mesh_renew_normals(&mesh, field, &params, options->gradient, err);
     double extracted = df_now_ms();
     if (status == DF_OK) {
         df_progress_begin(&progress, "write", df_mesh_write_work(&mesh), options->quiet);

@@ -9,6 +9,7 @@ typedef struct df_export_options {
     const char *field_path; /* for messages */
     float iso;
     df_mc_method method;
+    int gradient; /* DF_GRADIENT_..., methods/gradient.h: of the normals */
     uint32_t threads;
     bool quiet;
     bool stats, json; /* print vertices, triangles, bytes and times to stdout, as text or as one JSON object */
