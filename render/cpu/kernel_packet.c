@@ -218,7 +218,8 @@ static lm walk_blocks(tile_walk *walk, const packet *p, const lf corner[3], li b
                       found_cells *out) {
     const df_scene *scene = walk->scene;
     const int32_t *masks = (const int32_t *)(const void *)scene->masks, *shared = shared_mask(scene, block, active);
-    const li first = li_mul(li_masked(active, block), li_set(2 * (int32_t)df_brick_mask_words(scene->k)));
+    const int32_t words = 2 * (int32_t)df_brick_mask_words(scene->k);
+    const li first = li_mul(li_masked(active, block), li_set(words));
     boxes box;
     fine_walk w;
     lm hits = lm_first(0);
@@ -233,7 +234,7 @@ static lm walk_blocks(tile_walk *walk, const packet *p, const lf corner[3], li b
         do {
             walk->fine = li_tally(walk->fine, active);
             walk->steps++;
-            const li at_word = li_and(li_shift_right(w.place, 5), li_set(15));
+            const li at_word = li_and(li_shift_right(w.place, 5), li_set(words - 1));
             const li word = shared ? li_lookup(shared, at_word) : li_gather(masks, li_add(first, at_word));
             const lm surface = lm_and(active, li_bit(word, li_and(w.place, li_set(31))));
             waiting = lm_or(waiting, surface);
