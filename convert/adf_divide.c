@@ -364,7 +364,8 @@ static void select_by_spheres(worker *w, const cell *c, const df_face_boxes *box
     selection *s = &w->selections[c->level];
     df_face_select(tree, c->faces, c->face_count, boxes, w->distances, s->near);
     for (uint32_t f = 0; f < c->face_count; f++) {
-        float reach = ((float)diagonal + tree->spheres[c->faces[f]].radius + (float)tree->slack) * 1.000001f;
+        float reach =
+            ((float)(diagonal * tree->scale) + tree->spheres[c->faces[f]].radius + (float)tree->slack) * 1.000001f;
         s->close[f] = 0;
         for (int i = 0; i < 8; i++) s->close[f] |= (uint8_t)((w->distances[f * 8 + i] <= reach * reach) << i);
     }

@@ -98,6 +98,11 @@ void df_face_distances(const df_face *faces, const uint32_t *list, uint32_t coun
     memcpy(least, low, sizeof low);
 }
 
+/* A coordinate along an axis in units of the tree. */
+static inline float to_tree(const df_face_tree *tree, double world, int axis) {
+    return (float)((world - tree->origin[axis]) * tree->scale);
+}
+
 /* Squared distances of 8 points to the centres of the spheres around faces; low: the smallest of each point. */
 static inline __attribute__((always_inline)) void sphere_distances(const df_face_tree *tree, const uint32_t *list,
                                                                    uint32_t count, const float points[3][8],
@@ -124,7 +129,7 @@ static uint32_t keep_near(const df_face_tree *tree, const uint32_t *list, uint32
     float local[3][8], low[8], slack = 2 * (float)tree->slack;
     uint32_t kept_count = 0;
     for (int p = 0; p < 8; p++) {
-        for (int a = 0; a < 3; a++) local[a][p] = (float)(points[a][p] - tree->origin[a]);
+        for (int a = 0; a < 3; a++) local[a][p] = to_tree(tree, points[a][p], a);
     }
     sphere_distances(tree, list, count, (const float(*)[8])local, distances, low);
     for (int p = 0; p < 8; p++) low[p] = sqrtf(low[p]) * (1 + 1e-6f) + slack;
@@ -161,8 +166,8 @@ void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t cou
     uint32_t nearest[8] = {0};
     for (int b = 0; b < 8; b++) {
         for (int a = 0; a < 3; a++) {
-            centre[a][b] = (float)(boxes->centre[a][b] - tree->origin[a]);
-            half[a][b] = (float)boxes->half[a][b];
+            centre[a][b] = to_tree(tree, boxes->centre[a][b], a);
+            half[a][b] = (float)(boxes->half[a][b] * tree->scale);
         }
     }
     sphere_distances(tree, list, count, (const float(*)[8])centre, distances, low);
@@ -258,7 +263,7 @@ static void empty_node(df_face_node *node) {
 }
 
 /* The smaller of the spheres around the centroid and around the middle of the longest side. */
-static df_face_sphere make_sphere(const double *const corner[3], const df_face *face, const double origin[3]) {
+static df_face_sphere make_sphere(const df_face_tree *tree, const double *const corner[3], const df_face *face) {
     df_face_sphere sphere = {{0}, INFINITY};
     for (int choice = 0; choice < 2; choice++) {
         double centre[3], square = 0;
@@ -269,9 +274,10 @@ static df_face_sphere make_sphere(const double *const corner[3], const df_face *
             double d[3] = {corner[c][0] - centre[0], corner[c][1] - centre[1], corner[c][2] - centre[2]};
             square = fmax(square, dot(d, d));
         }
-        if ((float)sqrt(square) >= sphere.radius) continue;
-        sphere.radius = (float)sqrt(square);
-        for (int a = 0; a < 3; a++) sphere.centre[a] = (float)(centre[a] - origin[a]);
+        const float radius = (float)(sqrt(square) * tree->scale);
+        if (radius >= sphere.radius) continue;
+        sphere.radius = radius;
+        for (int a = 0; a < 3; a++) sphere.centre[a] = to_tree(tree, centre[a], a);
     }
     return sphere;
 }
@@ -285,12 +291,12 @@ static void make_leaf(const df_mesh *mesh, df_face_tree *tree, uint32_t n) {
         const double *corner[3];
         for (int i = 0; i < 3; i++) corner[i] = mesh->positions + (size_t)f[i] * 3;
         prepare_face(corner, &tree->faces[n * 8 + c]);
-        tree->spheres[n * 8 + c] = make_sphere(corner, &tree->faces[n * 8 + c], tree->origin);
+        tree->spheres[n * 8 + c] = make_sphere(tree, corner, &tree->faces[n * 8 + c]);
         for (int a = 0; a < 3; a++) {
-            double low = fmin(corner[0][a], fmin(corner[1][a], corner[2][a])) - tree->origin[a];
-            double high = fmax(corner[0][a], fmax(corner[1][a], corner[2][a])) - tree->origin[a];
-            node->low[a][c] = nextafterf((float)low, -INFINITY);
-            node->high[a][c] = nextafterf((float)high, INFINITY);
+            double low = fmin(corner[0][a], fmin(corner[1][a], corner[2][a]));
+            double high = fmax(corner[0][a], fmax(corner[1][a], corner[2][a]));
+            node->low[a][c] = nextafterf(to_tree(tree, low, a), -INFINITY);
+            node->high[a][c] = nextafterf(to_tree(tree, high, a), INFINITY);
         }
     }
 }
@@ -318,7 +324,8 @@ df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *e
         tree->origin[a] = (low[a] + high[a]) / 2;
         extent = fmax(extent, high[a] - low[a]);
     }
-    tree->slack = 4e-6 * extent;
+    tree->scale = extent > 0 ? ldexp(1, -ilogb(extent)) : 1;
+    tree->slack = 4e-6 * extent * tree->scale;
     df_status status = df_alloc_raw((void **)&tree->order, mesh->face_count, sizeof *tree->order, "tree of faces", err);
     if (status == DF_OK)
         status = df_alloc_raw((void **)&tree->faces, mesh->face_count, sizeof *tree->faces, "tree of faces", err);
@@ -366,6 +373,13 @@ static inline void box_distances(const df_face_node *node, const float p[3], flo
     }
 }
 
+/* How many children node n of a level has: their boxes are all that may be looked at, as an empty box is no further
+ * than a limit beyond the range of float. */
+static inline uint32_t child_count(const df_face_tree *tree, uint32_t level, uint32_t n) {
+    const uint32_t left = (level ? tree->node_counts[level - 1] : tree->face_count) - n * 8;
+    return left < 8 ? left : 8;
+}
+
 /* A search for the nearest face in progress. */
 typedef struct search {
     const df_face_tree *tree;
@@ -377,12 +391,12 @@ typedef struct search {
 } search;
 
 static void set_limit(search *s) {
-    double reach = (sqrt(s->best) + s->tree->slack) * (1 + 1e-6);
+    double reach = (sqrt(s->best) * s->tree->scale + s->tree->slack) * (1 + 1e-6);
     s->limit = (float)(reach * reach * (1 + 1e-6));
 }
 
-static void search_faces(search *s, uint32_t n, const float bounds[8]) {
-    for (uint32_t c = 0; c < 8 && n * 8 + c < s->tree->face_count; c++) {
+static void search_faces(search *s, uint32_t n, uint32_t count, const float bounds[8]) {
+    for (uint32_t c = 0; c < count; c++) {
         if (bounds[c] > s->limit) continue;
         double d = face_distance(&s->tree->faces[n * 8 + c], s->p[0], s->p[1], s->p[2]);
         if (d >= s->best) continue;
@@ -394,23 +408,24 @@ static void search_faces(search *s, uint32_t n, const float bounds[8]) {
 
 static void search_node(search *s, uint32_t level, uint32_t n) {
     float bounds[8];
+    const uint32_t count = child_count(s->tree, level, n);
     box_distances(&s->tree->levels[level][n], s->local, bounds);
     if (level == 0) {
-        search_faces(s, n, bounds);
+        search_faces(s, n, count, bounds);
         return;
     }
-    for (;;) { /* the nearest child first */
-        int next = 0;
-        for (int c = 1; c < 8; c++) next = bounds[c] < bounds[next] ? c : next;
+    for (uint32_t tried = 0; tried < count; tried++) { /* the nearest child first */
+        uint32_t next = 0;
+        for (uint32_t c = 1; c < count; c++) next = bounds[c] < bounds[next] ? c : next;
         if (!(bounds[next] <= s->limit)) return;
         bounds[next] = INFINITY;
-        search_node(s, level - 1, n * 8 + (uint32_t)next);
+        search_node(s, level - 1, n * 8 + next);
     }
 }
 
 double df_face_tree_nearest(const df_face_tree *tree, const double p[3], uint32_t *nearest) {
     search s = {.tree = tree, .p = p, .nearest = *nearest};
-    for (int a = 0; a < 3; a++) s.local[a] = (float)(p[a] - tree->origin[a]);
+    for (int a = 0; a < 3; a++) s.local[a] = to_tree(tree, p[a], a);
     s.best = face_distance(&tree->faces[s.nearest], p[0], p[1], p[2]);
     set_limit(&s);
     search_node(&s, tree->level_count - 1, 0);
@@ -429,8 +444,9 @@ typedef struct listing {
 
 static void list_node(listing *l, uint32_t level, uint32_t n) {
     float bounds[8];
+    const uint32_t count = child_count(l->tree, level, n);
     box_distances(&l->tree->levels[level][n], l->local, bounds);
-    for (uint32_t c = 0; c < 8; c++) {
+    for (uint32_t c = 0; c < count; c++) {
         if (!(bounds[c] <= l->limit)) continue;
         if (level > 0) {
             list_node(l, level - 1, n * 8 + c);
@@ -445,8 +461,8 @@ static void list_node(listing *l, uint32_t level, uint32_t n) {
 uint32_t df_face_tree_list(const df_face_tree *tree, const double p[3], double distance, uint32_t *list,
                            uint32_t capacity) {
     listing l = {.tree = tree, .list = list, .capacity = capacity};
-    for (int a = 0; a < 3; a++) l.local[a] = (float)(p[a] - tree->origin[a]);
-    double reach = (distance + tree->slack) * (1 + 1e-6);
+    for (int a = 0; a < 3; a++) l.local[a] = to_tree(tree, p[a], a);
+    double reach = (distance * tree->scale + tree->slack) * (1 + 1e-6);
     l.limit = (float)(reach * reach * (1 + 1e-6));
     list_node(&l, tree->level_count - 1, 0);
     return l.count;
@@ -478,6 +494,6 @@ static int32_t cross_node(const df_face_tree *tree, uint32_t level, uint32_t n, 
 
 int32_t df_face_tree_winding(const df_face_tree *tree, const double p[3]) {
     float local[3];
-    for (int a = 0; a < 3; a++) local[a] = (float)(p[a] - tree->origin[a]);
+    for (int a = 0; a < 3; a++) local[a] = to_tree(tree, p[a], a);
     return cross_node(tree, tree->level_count - 1, 0, p, local);
 }

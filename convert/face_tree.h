@@ -22,12 +22,13 @@ typedef struct df_face {
     double foot;                                          /* in [0, 1] */
 } df_face;
 
-/* The boxes of eight children, relative to the tree's origin, rounded outwards; missing children have an empty box. */
+/* The boxes of eight children, relative to the tree's origin and in its units, rounded outwards; missing children have
+ * an empty box. */
 typedef struct df_face_node {
     float low[3][8], high[3][8];
 } df_face_node;
 
-/* A sphere around a face, relative to the tree's origin; its centre is a point of the face. */
+/* A sphere around a face, relative to the tree's origin and in its units; its centre is a point of the face. */
 typedef struct df_face_sphere {
     float centre[3], radius;
 } df_face_sphere;
@@ -44,7 +45,9 @@ typedef struct df_face_tree {
     uint32_t node_counts[DF_FACE_LEVEL_MAX];
     uint32_t level_count;
     double origin[3];
-    double slack; /* what a distance computed from boxes or spheres may be too large, world units */
+    double scale; /* of world units to those of the tree, a power of two: its longest side is 1 to 2, so that squares in
+                     float stay in range however large or small the mesh is */
+    double slack; /* what a distance computed from boxes or spheres may be too large, units of the tree */
 } df_face_tree;
 
 /* Builds the tree; the mesh is not needed afterwards. */
@@ -82,7 +85,7 @@ typedef struct df_face_boxes {
 /* For each face of a list, which of eight boxes it may be the nearest to a point of: bit b of masks[i]. Judged in float
  * by the spheres around the faces: a face is left out where some face's centre is nearer to all points of the box than
  * its sphere. The comparison of squared distances to two centres is linear in the point, so the corners of the box
- * decide. distances: room for count * 8. */
+ * decide. distances: room for count * 8; gets the squares to the centres of the spheres, units of the tree. */
 void df_face_select(const df_face_tree *tree, const uint32_t *list, uint32_t count, const df_face_boxes *boxes,
                     float *distances, uint8_t *masks);
 
