@@ -204,6 +204,27 @@ static df_status write_pfm(const char *path, const float *pixels, uint32_t width
 
 /* ---- OpenEXR ---- */
 
+/* OpenEXR 3.1 reads past what it could not allocate for a header's attributes (exr_add_part). They are small: where
+ * memory is short they come from a reserve, and what is larger fails as it should. */
+static struct {
+    _Alignas(16) unsigned char bytes[1 << 13];
+    size_t used;
+} exr_reserve;
+
+static void *exr_alloc(size_t size) {
+    void *memory = malloc(size);
+    const size_t rounded = (size + 15) & ~(size_t)15, free_bytes = sizeof exr_reserve.bytes - exr_reserve.used;
+    if (memory || size > 512 || rounded > free_bytes) return memory;
+    memory = exr_reserve.bytes + exr_reserve.used;
+    exr_reserve.used += rounded;
+    return memory;
+}
+
+static void exr_release(void *memory) {
+    const unsigned char *p = memory;
+    if (p < exr_reserve.bytes || p >= exr_reserve.bytes + sizeof exr_reserve.bytes) free(memory);
+}
+
 static int64_t exr_put(exr_const_context_t context, void *user, const void *data, uint64_t size, uint64_t offset,
                        exr_stream_error_func_ptr_t on_error) {
     if (memory_file_put(user, data, size, offset)) return (int64_t)size;
@@ -267,6 +288,9 @@ static df_status write_exr(const char *path, const float *pixels, uint32_t width
     init.user_data = &file;
     init.write_fn = exr_put;
     init.error_handler_fn = exr_silent;
+    init.alloc_fn = exr_alloc;
+    init.free_fn = exr_release;
+    exr_reserve.used = 0;
     exr_result_t result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &init);
     if (result == EXR_ERR_SUCCESS) {
         result = encode_exr(context, pixels, width, height, channel_count);
