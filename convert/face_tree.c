@@ -481,9 +481,10 @@ static int32_t cross_faces(const df_face_tree *tree, uint32_t face, const double
 static int32_t cross_node(const df_face_tree *tree, uint32_t level, uint32_t n, const double p[3],
                           const float local[3]) {
     const df_face_node *node = &tree->levels[level][n];
+    const uint32_t count = child_count(tree, level, n);
     float slack = (float)tree->slack;
     int32_t sum = 0;
-    for (uint32_t c = 0; c < 8; c++) {
+    for (uint32_t c = 0; c < count; c++) {
         bool meets = node->low[0][c] - slack <= local[0];
         for (int a = 1; a < 3; a++)
             meets = meets && node->low[a][c] - slack <= local[a] && local[a] <= node->high[a][c] + slack;

@@ -3,6 +3,7 @@
 #include "render/methods/gradient.h"
 #include "render/methods/solve_methods.h"
 #include "times.h"
+#include "view_ray.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -38,16 +39,12 @@ static df_status score_depths(const lab_subject *s, const df_view *view, const f
         lab_score mine = {0};
 #pragma omp for schedule(dynamic, 256)
         for (uint32_t i = 0; i < count; i++) {
-            double o[3], d[3], length = 0;
+            double o[3], d[3];
+            const double length = lab_view_ray(&rays, i, o, d);
             df_truth truth;
-            for (int a = 0; a < 3; a++) {
-                o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : i];
-                d[a] = (double)rays.direction[a][i];
-                length += d[a] * d[a];
-            }
             df_truth_trace(&s->field, 0, o, d, &truth);
             lab_score_pair(&mine, &truth, isfinite(depth[i]),
-                           fabs((double)depth[i] / s->field.voxel_size[0] - (double)truth.t * sqrt(length)));
+                           fabs((double)depth[i] / s->field.voxel_size[0] - (double)truth.t * length));
         }
 #pragma omp critical
         lab_score_merge(score, &mine);

@@ -8,6 +8,7 @@
 #include "render/methods/solve_methods.h"
 #include "render/settings.h"
 #include "subject.h"
+#include "view_ray.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -53,15 +54,11 @@ static df_status find_true_depth(map *m, df_error *err) {
     df_view_rays(&m->view, &df_kernels_scalar, 0, 0, MAP_SIZE, MAP_SIZE, &rays);
 #pragma omp parallel for schedule(dynamic, 256)
     for (uint32_t i = 0; i < MAP_PIXELS; i++) {
-        double o[3], d[3], length = 0;
+        double o[3], d[3];
+        const double length = lab_view_ray(&rays, i, o, d);
         df_truth truth;
-        for (int a = 0; a < 3; a++) {
-            o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : i];
-            d[a] = (double)rays.direction[a][i];
-            length += d[a] * d[a];
-        }
         df_truth_trace(&m->field, 0, o, d, &truth);
-        m->depth[i] = truth.hit ? (double)truth.t * sqrt(length) : (double)INFINITY;
+        m->depth[i] = truth.hit ? (double)truth.t * length : (double)INFINITY;
     }
     df_rays_free(&rays);
     return DF_OK;
@@ -133,10 +130,7 @@ static df_status trace_mesh(const lab_mesh *mesh, const df_field *field, const d
         for (uint32_t x = 0; x < view->width; x++) {
             double o[3], d[3], at[3], world[3], square = 0;
             df_truth truth;
-            for (int a = 0; a < 3; a++) {
-                o[a] = (double)rays.origin[a][rays.shared_origin ? 0 : x];
-                d[a] = (double)rays.direction[a][x];
-            }
+            lab_view_ray(&rays, x, o, d);
             lab_mesh_trace(mesh, o, d, &truth);
             for (int a = 0; a < 3; a++) at[a] = o[a] + (double)truth.t * d[a];
             df_field_grid_to_world(field, at, world);

@@ -33,6 +33,21 @@ static df_status quantise(const df_field *dense, df_sample_type type, df_field *
     return df_field_finish(out, "quantised", err);
 }
 
+/* A row about what a field holds, with the tracer and intersection that read it. */
+static lab_row storage_row(const char *tracer, const char *intersect, uint64_t rays, const lab_score *score) {
+    return (lab_row){.kind = "storage",
+                     .tracer = tracer,
+                     .intersect = intersect,
+                     .precision = "",
+                     .gradient = "",
+                     .truth = "surface",
+                     .family = "camera",
+                     .rays = rays,
+                     .score = score,
+                     .ns_per_ray = -1,
+                     .ns_per_hit = -1};
+}
+
 /* The error of a stored field against its exact surface: truth against truth, no tracer. */
 static df_status measure_storage(lab_session *session, const char *name, const lab_surface *surface,
                                  const df_field *field, uint64_t rays) {
@@ -40,17 +55,7 @@ static df_status measure_storage(lab_session *session, const char *name, const l
     lab_score score = {0};
     lab_subject s = {.surface = *surface, .field = *field};
     snprintf(s.name, sizeof s.name, "%s", name);
-    const lab_row r = {.kind = "storage",
-                       .tracer = "",
-                       .intersect = "",
-                       .precision = "",
-                       .gradient = "",
-                       .truth = "surface",
-                       .family = "camera",
-                       .rays = rays,
-                       .score = &score,
-                       .ns_per_ray = -1,
-                       .ns_per_hit = -1};
+    const lab_row r = storage_row("", "", rays, &score);
     if (lab_row_have(session, &s, &r)) return DF_OK;
 #pragma omp parallel
     {
@@ -88,17 +93,7 @@ static df_status measure_tricubic(lab_session *session, const char *name, const 
     lab_score score = {0};
     lab_subject s = {.surface = *surface, .field = *dense};
     snprintf(s.name, sizeof s.name, "%s", name);
-    const lab_row r = {.kind = "storage",
-                       .tracer = tracer.name,
-                       .intersect = df_filter_names[DF_FILTER_CATMULL_ROM],
-                       .precision = "",
-                       .gradient = "",
-                       .truth = "surface",
-                       .family = "camera",
-                       .rays = rays,
-                       .score = &score,
-                       .ns_per_ray = -1,
-                       .ns_per_hit = -1};
+    const lab_row r = storage_row(tracer.name, df_filter_names[DF_FILTER_CATMULL_ROM], rays, &score);
     if (lab_row_have(session, &s, &r)) return DF_OK;
     tracer.prepare = prepare_catmull_rom;
     df_status status = df_scene_prepare(dense, 0, &options, &s.scene, session->err);

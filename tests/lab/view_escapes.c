@@ -2,6 +2,7 @@
 #include "random.h"
 #include "render/frame.h"
 #include "render/methods/solve_methods.h"
+#include "view_ray.h"
 
 #include <math.h>
 #include <omp.h>
@@ -60,10 +61,7 @@ static void judge_picture(const pictures *p, const df_scene *scene, bool inside,
         escapes->rays += must;
         if (!must || isfinite(p->drawn[i])) continue;
         lab_escape escape = {.ray = first + i};
-        for (int a = 0; a < 3; a++) {
-            escape.origin[a] = (double)p->rays.origin[a][p->rays.shared_origin ? 0 : i];
-            escape.direction[a] = (double)p->rays.direction[a][i];
-        }
+        lab_view_ray(&p->rays, i, escape.origin, escape.direction);
         lab_escapes_judge(escapes, scene, escape);
     }
 }
