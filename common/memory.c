@@ -30,3 +30,13 @@ df_status df_alloc(void **out, uint64_t count, size_t size, const char *what, df
     if (status == DF_OK) memset(*out, 0, count * size);
     return status;
 }
+
+df_status df_grow(void **array, uint64_t used, uint64_t count, size_t size, const char *what, df_error *err) {
+    void *grown;
+    df_status status = df_alloc_raw(&grown, count, size, what, err);
+    if (status != DF_OK) return status;
+    if (used) memcpy(grown, *array, used * size);
+    free(*array);
+    *array = grown;
+    return DF_OK;
+}

@@ -15,4 +15,8 @@ df_status df_alloc(void **out, uint64_t count, size_t size, const char *what, df
 /* The same without clearing, for arrays that are written whole. */
 df_status df_alloc_raw(void **out, uint64_t count, size_t size, const char *what, df_error *err);
 
+/* Moves the first `used` elements of *array, which may be NULL, to an array of `count`. When that fails, *array stays.
+ */
+df_status df_grow(void **array, uint64_t used, uint64_t count, size_t size, const char *what, df_error *err);
+
 #endif

@@ -88,32 +88,26 @@ static void complete_brick(const builder *b, uint32_t brick) {
     }
 }
 
-/* Fills all bricks; those that `old` has already, with samples in old_samples, are copied. */
-static df_status fill_bricks(builder *b, const df_cells *old, const float *old_samples, df_error *err) {
+/* Makes room for all bricks and fills those from number `first` on. */
+static df_status fill_bricks(builder *b, uint32_t first, df_error *err) {
     const df_lattice *l = b->lattice;
-    double bytes = (double)b->cells.brick_count * (double)b->brick_samples * sizeof(float) * 1.1;
+    const uint32_t count = b->cells.brick_count;
+    double bytes = (double)count * (double)b->brick_samples * sizeof(float) * 1.1;
     df_status status = df_build_check_memory(b->input->name, bytes, df_build_longest_side(l), 2, err);
-    if (status == DF_OK) {
-        status =
-            df_alloc_raw((void **)&b->samples, b->cells.brick_count, b->brick_samples * sizeof(float), "samples", err);
+    if (status == DF_OK && count > b->capacity) {
+        b->capacity = first ? count + count / 4 : count;
+        status = df_grow((void **)&b->samples, first, b->capacity, b->brick_samples * sizeof(float), "samples", err);
     }
     if (status != DF_OK) return status;
-    df_progress_begin(&b->progress, "distances", b->cells.brick_count, b->input->quiet);
+    df_progress_begin(&b->progress, "distances", count - first, b->input->quiet);
 #pragma omp parallel for schedule(dynamic, 16)
-    for (uint32_t i = 0; i < b->cells.brick_count; i++) {
-        uint32_t from = old ? old->bricks[b->cells.indices[i]] : DF_NO_BRICK;
-        if (from == DF_NO_BRICK) fill_brick(b, i);
-        else
-            memcpy(b->samples + i * b->brick_samples, old_samples + from * b->brick_samples,
-                   b->brick_samples * sizeof(float));
-        if (old) b->is_signed[i] = from != DF_NO_BRICK;
+    for (uint32_t i = first; i < count; i++) {
+        fill_brick(b, i);
         df_progress_add(&b->progress, 1);
     }
     df_progress_end(&b->progress);
 #pragma omp parallel for schedule(static, 256)
-    for (uint32_t i = 0; i < b->cells.brick_count; i++) {
-        if (!old || !b->is_signed[i]) complete_brick(b, i);
-    }
+    for (uint32_t i = first; i < count; i++) complete_brick(b, i);
     return DF_OK;
 }
 
@@ -131,58 +125,77 @@ static bool face_differs(const builder *b, uint32_t brick, int to, bool inside) 
     return false;
 }
 
-/* Adds the cells without a brick that the sign does not leave whole: a neighbour's samples on the common face say
- * otherwise. That happens only where the sign changes without a surface, at holes. Returns DF_OK with *grown = false
- * when there are none. */
-static df_status grow_cells(builder *b, const uint32_t *tokens, bool *grown, df_error *err) {
-    df_cells more;
-    *grown = false;
-    df_status status = df_cells_copy(&b->cells, b->lattice, &more, err);
-    if (status != DF_OK) return status;
-    for (uint32_t brick = 0; brick < b->cells.brick_count; brick++) {
-        uint32_t cell[3];
-        df_cell_position(b->lattice, b->cells.indices[brick], cell);
-        for (int to = 0; to < 6; to++) {
-            int64_t at[3] = {cell[0], cell[1], cell[2]};
-            at[to / 2] += to & 1 ? 1 : -1;
-            if (at[to / 2] < 0 || at[to / 2] >= b->lattice->cell_count[to / 2]) continue;
-            size_t index =
-                (size_t)at[0] + b->lattice->cell_count[0] * ((size_t)at[1] + b->lattice->cell_count[1] * (size_t)at[2]);
-            if (b->cells.bricks[index] != DF_NO_BRICK || !face_differs(b, brick, to, tokens[index] == DF_CELL_INSIDE))
-                continue;
-            more.bricks[index] = 0;
-            *grown = true;
-        }
+/* Appends the cells around a brick that the sign does not leave whole: they have no brick, and the samples on the
+ * common face say otherwise. That happens only where the sign changes without a surface, at holes. */
+static df_status grow_around(builder *b, uint32_t brick, const uint32_t *tokens, df_error *err) {
+    uint32_t cell[3];
+    df_status status = DF_OK;
+    df_cell_position(b->lattice, b->cells.indices[brick], cell);
+    for (int to = 0; to < 6 && status == DF_OK; to++) {
+        int64_t at[3] = {cell[0], cell[1], cell[2]};
+        at[to / 2] += to & 1 ? 1 : -1;
+        if (at[to / 2] < 0 || at[to / 2] >= b->lattice->cell_count[to / 2]) continue;
+        size_t index =
+            (size_t)at[0] + b->lattice->cell_count[0] * ((size_t)at[1] + b->lattice->cell_count[1] * (size_t)at[2]);
+        if (b->cells.bricks[index] != DF_NO_BRICK || !face_differs(b, brick, to, tokens[index] == DF_CELL_INSIDE))
+            continue;
+        b->waiting[at[2]] = 1;
+        status = df_cells_append(&b->cells, (uint32_t)index, err);
     }
-    if (!*grown) {
-        df_cells_free(&more);
-        return DF_OK;
-    }
-    status = df_cells_renumber(b->lattice, &more, err);
-    free(b->is_signed);
-    b->is_signed = NULL;
-    if (status == DF_OK) status = df_alloc((void **)&b->is_signed, more.brick_count, 1, "bricks", err);
-    float *old_samples = b->samples;
-    df_cells old = b->cells;
-    b->samples = NULL;
-    b->cells = more;
-    if (status == DF_OK) status = fill_bricks(b, &old, old_samples, err);
-    free(old_samples);
-    df_cells_free(&old);
     return status;
 }
 
-/* Signs the bricks; at holes, where the sign changes away from the faces, adds bricks until the change is stored. */
-#define GROWTH_MAX 64
-static df_status sign_and_grow(builder *b, uint32_t *tokens, df_error *err) {
-    bool grown = true;
+/* Appends what the bricks from number `first` on call for, and fills it. */
+static df_status grow_cells(builder *b, uint32_t first, const uint32_t *tokens, df_error *err) {
+    uint32_t count = b->cells.brick_count;
     df_status status = DF_OK;
-    for (int round = 0; status == DF_OK && grown && round < GROWTH_MAX; round++) {
-        status = df_build_sign_bricks(b, tokens, err);
-        grown = false;
-        if (status == DF_OK && b->input->sign->made.cap_count) status = grow_cells(b, tokens, &grown, err);
+    memset(b->waiting, 0, b->lattice->cell_count[2]);
+    for (uint32_t brick = first; brick < count && status == DF_OK; brick++) status = grow_around(b, brick, tokens, err);
+    b->signed_count = count;
+    return status == DF_OK && b->cells.brick_count > count ? fill_bricks(b, count, err) : status;
+}
+
+/* Brings bricks that were appended into the order of their cells: along each cycle of the permutation, in place. */
+static df_status sort_bricks(builder *b, df_error *err) {
+    uint32_t *from;
+    df_status status = df_cells_sort(b->lattice, &b->cells, &from, err);
+    if (status != DF_OK) return status;
+    float first[BRICK_SAMPLES_MAX];
+    size_t bytes = b->brick_samples * sizeof(float);
+    for (uint32_t start = 0; start < b->cells.brick_count; start++) {
+        if (from[start] == start) continue;
+        memcpy(first, b->samples + start * b->brick_samples, bytes);
+        uint32_t at = start, next;
+        for (; (next = from[at]) != start; at = next) {
+            memcpy(b->samples + at * b->brick_samples, b->samples + next * b->brick_samples, bytes);
+            from[at] = at;
+        }
+        memcpy(b->samples + at * b->brick_samples, first, bytes);
+        from[at] = at;
     }
-    return status == DF_OK && grown ? df_build_sign_bricks(b, tokens, err) : status;
+    free(from);
+    return DF_OK;
+}
+
+/* At holes, where the sign changes away from the faces, adds bricks until the change is stored. */
+#define GROWTH_MAX 64
+static df_status grow_at_holes(builder *b, uint32_t *tokens, df_error *err) {
+    uint32_t first = 0;
+    df_status status = df_alloc((void **)&b->waiting, b->lattice->cell_count[2], 1, "bricks", err);
+    for (int round = 0; status == DF_OK && round < GROWTH_MAX; round++) {
+        status = grow_cells(b, first, tokens, err);
+        first = b->signed_count;
+        if (status != DF_OK || b->cells.brick_count == first) break;
+        status = df_build_sign_bricks(b, tokens, err);
+    }
+    free(b->waiting);
+    b->waiting = NULL;
+    return status == DF_OK ? sort_bricks(b, err) : status;
+}
+
+static df_status sign_and_grow(builder *b, uint32_t *tokens, df_error *err) {
+    df_status status = df_build_sign_bricks(b, tokens, err);
+    return status == DF_OK && b->input->sign->made.cap_count ? grow_at_holes(b, tokens, err) : status;
 }
 
 /* Counts the pairs of neighbours along an axis whose signs differ although no surface can lie between them. */
@@ -341,7 +354,7 @@ df_status df_build_bricks(builder *b, df_field *field, df_build_report *report, 
     if (status != DF_OK) goto done;
     report->cells_computed = b->cells.brick_count;
     double cells = df_now_ms();
-    status = fill_bricks(b, NULL, NULL, err);
+    status = fill_bricks(b, 0, err);
     if (status != DF_OK) goto done;
     double filled = df_now_ms();
     status = df_alloc_raw((void **)&tokens, df_lattice_cell_total(b->lattice), sizeof *tokens, "coarse cells", err);

@@ -20,8 +20,10 @@ typedef struct builder {
     df_cells cells;
     uint32_t side;        /* samples along a brick: k + 1 */
     size_t brick_samples; /* side^3 */
-    float *samples;       /* bricks: by brick; dense: all */
-    uint8_t *is_signed;   /* while bricks are added at holes: by brick, 1 where its signs are known; NULL before */
+    float *samples;       /* bricks: by brick, room for `capacity`; dense: all */
+    uint32_t capacity;
+    uint32_t signed_count; /* while bricks are added at holes: those below this number have their signs; 0 before */
+    uint8_t *waiting;      /* meanwhile, by layer of cells: 1 where bricks wait for signs; NULL before */
     df_progress progress;
 } builder;
 
@@ -31,7 +33,7 @@ df_status df_build_bricks(builder *b, df_field *field, df_build_report *report, 
 /* Sets the signs of all samples of a dense field. */
 df_status df_build_sign_dense(builder *b, df_error *err);
 
-/* Sets the signs of all bricks that are not is_signed, and in the first round the `tokens`, by coarse cell, of the
+/* Sets the signs of all bricks from number signed_count on, and in the first round the `tokens`, by coarse cell, of the
  * cells without a brick. */
 df_status df_build_sign_bricks(builder *b, uint32_t *tokens, df_error *err);
 

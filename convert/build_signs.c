@@ -64,8 +64,8 @@ static uint64_t sign_layer(const builder *b, const df_winding_slab *slab, uint32
             size_t index = cx + l->cell_count[0] * (cy + (size_t)l->cell_count[1] * layer);
             uint32_t brick = b->cells.bricks[index];
             if (brick != DF_NO_BRICK) {
-                if (!b->is_signed || !b->is_signed[brick]) negative += sign_brick(b, slab, cell, brick, active);
-            } else if (b->is_signed) {
+                if (brick >= b->signed_count) negative += sign_brick(b, slab, cell, brick, active);
+            } else if (b->signed_count > 0) {
                 continue; /* known from the first round */
             } else if (cx > 0 && last == DF_NO_BRICK) {
                 tokens[index] = tokens[index - 1];
@@ -138,6 +138,7 @@ static df_status sign_slabs(const builder *b, slab_signer *sign_slab, uint32_t s
         df_status ready = df_alloc_raw((void **)&active, sign->made.cap_count + 1, sizeof *active, "signs", &slab_err);
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t s = 0; s < slab_count; s++) {
+            if (b->waiting && !b->waiting[s]) continue;
             uint32_t z = s * l->brick_size, rest = l->voxel_count[2] + 1 - z, count = l->brick_size + shared;
             df_status found = ready;
             if (found == DF_OK) {

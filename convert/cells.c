@@ -154,16 +154,32 @@ df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *co
     return number_cells(lattice, cells, err);
 }
 
-df_status df_cells_copy(const df_cells *cells, const df_lattice *lattice, df_cells *copy, df_error *err) {
-    df_status status = make_marks(lattice, copy, err);
-    if (status == DF_OK) memcpy(copy->bricks, cells->bricks, df_lattice_cell_total(lattice) * sizeof *copy->bricks);
-    return status;
+df_status df_cells_append(df_cells *cells, uint32_t index, df_error *err) {
+    if (cells->brick_count == DF_BRICK_COUNT_MAX)
+        return df_fail(err, DF_ERROR_MEMORY, "too many bricks (%u)", cells->brick_count);
+    if (cells->brick_count >= cells->capacity) {
+        uint32_t capacity = cells->brick_count + cells->brick_count / 4 + 64;
+        df_status status =
+            df_grow((void **)&cells->indices, cells->brick_count, capacity, sizeof *cells->indices, "brick index", err);
+        if (status != DF_OK) return status;
+        cells->capacity = capacity;
+    }
+    cells->indices[cells->brick_count] = index;
+    cells->bricks[index] = cells->brick_count++;
+    return DF_OK;
 }
 
-df_status df_cells_renumber(const df_lattice *lattice, df_cells *cells, df_error *err) {
+df_status df_cells_sort(const df_lattice *lattice, df_cells *cells, uint32_t **from, df_error *err) {
+    df_status status = df_alloc_raw((void **)from, cells->brick_count, sizeof **from, "brick index", err);
     uint64_t total = df_lattice_cell_total(lattice);
-    for (uint64_t i = 0; i < total; i++) cells->bricks[i] = cells->bricks[i] != DF_NO_BRICK;
-    return number_cells(lattice, cells, err);
+    uint32_t count = 0;
+    for (uint64_t i = 0; status == DF_OK && i < total; i++) {
+        if (cells->bricks[i] == DF_NO_BRICK) continue;
+        (*from)[count] = cells->bricks[i];
+        cells->indices[count] = (uint32_t)i;
+        cells->bricks[i] = count++;
+    }
+    return status;
 }
 
 void df_cells_free(df_cells *cells) {

@@ -19,8 +19,8 @@
 
 typedef struct df_cells {
     uint32_t *bricks;  /* by coarse cell (x fastest): the number of its brick, or DF_NO_BRICK */
-    uint32_t *indices; /* by brick: the linear index of its cell, ascending */
-    uint32_t brick_count;
+    uint32_t *indices; /* by brick: the linear index of its cell, ascending but for appended ones */
+    uint32_t brick_count, capacity;
 } df_cells;
 
 /* Cells that a face passes within reach_voxels of (negative: that it enters by so much). */
@@ -31,10 +31,11 @@ df_status df_cells_find(const df_mesh *mesh, const df_lattice *lattice, double r
 df_status df_cells_select(const df_lattice *lattice, bool (*keep)(const void *context, const uint32_t cell[3]),
                           const void *context, df_cells *cells, df_error *err);
 
-/* A copy of which cells have bricks, without indices: set bricks[cell] to anything but DF_NO_BRICK to add a cell, then
- * renumber. */
-df_status df_cells_copy(const df_cells *cells, const df_lattice *lattice, df_cells *copy, df_error *err);
-df_status df_cells_renumber(const df_lattice *lattice, df_cells *cells, df_error *err);
+/* Gives the cell the next brick, out of order. */
+df_status df_cells_append(df_cells *cells, uint32_t index, df_error *err);
+
+/* Numbers the bricks by their cells again: (*from)[brick] is the number that it had. The caller frees *from. */
+df_status df_cells_sort(const df_lattice *lattice, df_cells *cells, uint32_t **from, df_error *err);
 
 void df_cells_free(df_cells *cells);
 
