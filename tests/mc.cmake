@@ -1,4 +1,10 @@
 # The tests of marching cubes.
+if(DF_SANITIZE MATCHES address)
+    add_library(keep_libraries OBJECT keep_libraries.c)
+    target_link_libraries(keep_libraries PRIVATE df_flags)
+    target_sources(distfield-render INTERFACE $<TARGET_OBJECTS:keep_libraries>)
+    target_link_options(distfield-render INTERFACE LINKER:--export-dynamic-symbol=dlclose)
+endif()
 find_package(CGAL REQUIRED)
 df_test(test_mc_mesh LABELS unit LIBS distfield-render CGAL::CGAL SOURCES fields.c mesh_check.c mesh_judge.cpp)
 set_source_files_properties(mesh_judge.cpp PROPERTIES COMPILE_OPTIONS "-Wno-shadow") # CGAL's headers
