@@ -161,6 +161,40 @@ static df_status choose_slope(adf_tree *t, df_error *err) {
     return status;
 }
 
+/* True where the exact distances at the ends of an edge of the child show a wall. */
+static bool has_wall(const adf_node *n, uint32_t child, double side) {
+    for (uint32_t edge = 0; edge < 12; edge++) {
+        const uint32_t steps[3] = {1, 3, 9}, axis = edge / 4, u = (axis + 1) % 3, v = (axis + 2) % 3;
+        uint32_t at = (edge & 1) * steps[u] + (edge >> 1 & 1) * steps[v];
+        for (int a = 0; a < 3; a++) at += (child >> a & 1) * steps[a];
+        if (df_sign_is_wall(side, n->exact[at], n->exact[at + steps[axis]])) return true;
+    }
+    return false;
+}
+
+static void count_walls(const adf_tree *t, df_adf_report *report) {
+    const df_lattice *l = t->input->lattice;
+    uint64_t count = 0, first = UINT64_MAX;
+#pragma omp parallel for schedule(static) reduction(+ : count) reduction(min : first)
+    for (uint32_t f = 0; f < t->family_count; f++) {
+        const adf_node *n = adf_node_at(t, t->order[f]);
+        const double side = adf_side(t, n->level) * l->voxel_size;
+        for (uint32_t c = 0; c < 8; c++) {
+            if (n->children[c] != ADF_NONE || !has_wall(n, c, side)) continue;
+            const uint64_t leaf = 8 * (uint64_t)f + c;
+            count++;
+            first = leaf < first ? leaf : first;
+        }
+    }
+    report->wall_count = count;
+    if (count == 0) return;
+    const adf_node *n = adf_node_at(t, t->order[first / 8]);
+    for (int a = 0; a < 3; a++) {
+        report->wall_place[a] =
+            l->origin[a] + (n->corner[a] + (first >> a & 1) * adf_side(t, n->level)) * l->voxel_size;
+    }
+}
+
 static void set_dimensions(const adf_tree *t, df_field *field) {
     const df_lattice *l = t->input->lattice;
     field->kind = DF_FIELD_ADF;
@@ -215,6 +249,7 @@ static df_status finish(adf_tree *t, const adf_task *tasks, uint32_t count, df_f
     double start = df_now_ms();
     df_status status = make_continuous(t, tasks, count, report, err);
     double continuous = df_now_ms();
+    if (status == DF_OK && !t->input->source->is_signed) count_walls(t, report);
     if (status == DF_OK) status = store(t, field, err);
     report->rms_slope = t->slope;
     report->samples_computed = t->samples_computed;

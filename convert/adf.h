@@ -43,7 +43,9 @@ typedef struct df_adf_report {
     uint64_t samples_computed;
     uint64_t divided_for_continuity; /* leaves */
     uint64_t leaves;
-    double rms_slope; /* that was used */
+    uint64_t wall_count;  /* leaves whose sign changes along an edge where no surface can lie; 0 for signed sources */
+    double wall_place[3]; /* the corner of the first, world units */
+    double rms_slope;     /* that was used */
     double sign_ms, divide_ms, continuity_ms, structure_ms;
 } df_adf_report;
 

@@ -91,7 +91,8 @@ static void count_walls(const builder *b, df_build_report *report) {
                 const uint32_t p[3] = {x, y, z};
                 const size_t at = x + row * y + layer * z;
                 for (int a = 0; a < 3; a++) {
-                    if (p[a] == l->voxel_count[a] || !df_build_is_wall(l, b->samples[at], b->samples[at + steps[a]]))
+                    if (p[a] == l->voxel_count[a] ||
+                        !df_sign_is_wall(l->voxel_size, b->samples[at], b->samples[at + steps[a]]))
                         continue;
                     count++;
                     first = at < first ? at : first;

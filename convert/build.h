@@ -26,7 +26,7 @@ typedef struct df_build_report {
     uint64_t samples_computed;
     uint32_t cells_computed; /* bricks before those that the surface does not need were dropped */
     uint64_t wall_count;  /* neighbouring samples of opposite sign further apart than their distances allow: no surface
-                             lies between */
+                             lies between; in octrees leaves with two such corners */
     double wall_place[3]; /* the first of them, world units */
     uint64_t lost_features; /* coarse cells that a face crosses without a change of sign; 0 for dense fields */
     double cells_ms, distance_ms, sign_ms, structure_ms;

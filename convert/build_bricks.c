@@ -208,7 +208,7 @@ static void count_walls(const builder *b, df_build_report *report) {
         for (uint32_t i = 0; i < k * k * k; i++) {
             const float *s = samples + i % k + steps[1] * (i / k % k) + steps[2] * (i / k / k);
             for (int a = 0; a < 3; a++) {
-                if (!df_build_is_wall(b->lattice, s[0], s[steps[a]])) continue;
+                if (!df_sign_is_wall(b->lattice->voxel_size, s[0], s[steps[a]])) continue;
                 count++;
                 uint64_t at = (uint64_t)brick * k * k * k + i;
                 first = at < first ? at : first;

@@ -9,8 +9,6 @@
 #include "convert/build.h"
 #include "convert/winding.h"
 
-#include <math.h>
-
 enum { SIDE_MAX = 9, BRICK_SAMPLES_MAX = SIDE_MAX * SIDE_MAX * SIDE_MAX }; /* samples along a brick, at most */
 
 /* A build in progress. */
@@ -39,12 +37,6 @@ df_status df_build_sign_bricks(builder *b, uint32_t *tokens, df_error *err);
 
 /* What a cell without a brick holds. */
 static inline uint32_t df_build_token(bool inside) { return inside ? DF_CELL_INSIDE : DF_CELL_OUTSIDE; }
-
-/* True where a and b, samples one voxel apart, have different signs although no surface can lie between them: |a| + |b|
- * is more. */
-static inline bool df_build_is_wall(const df_lattice *l, float a, float b) {
-    return (a < 0) != (b < 0) && fabsf(a) + fabsf(b) > (float)(l->voxel_size * (1 + 1e-6));
-}
 
 /* The field's kind, voxels and place, as the lattice has them. */
 void df_build_set_dimensions(const builder *b, df_field *field);

@@ -10,6 +10,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
@@ -97,6 +98,8 @@ static void report_octree(const df_adf_report *adf, df_convert_report *report) {
     report->build.sign_ms = adf->sign_ms;
     report->build.distance_ms = adf->divide_ms;
     report->build.structure_ms = adf->continuity_ms + adf->structure_ms;
+    report->build.wall_count = adf->wall_count;
+    memcpy(report->build.wall_place, adf->wall_place, sizeof adf->wall_place);
     report->leaves = adf->leaves;
     report->divided_for_continuity = adf->divided_for_continuity;
 }

@@ -113,13 +113,14 @@ df_verdict df_input_judge_signs(const df_request *r, const df_input *s, df_conve
     if (report->build.wall_count) report->sign_reason = "the sign changes where no surface is";
     else if (report->sign_contradictions) report->sign_reason = "CGAL's inside test disagrees";
     else if (parity && report->edges.boundary) report->sign_reason = "rays through holes were counted";
-    else if (r->structure == DF_FIELD_ADF && made->cap_count) report->sign_reason = "the mesh has holes";
     if (report->sign_reason) return DF_VERDICT_UNCERTAIN;
     if (report->repaired &&
         (report->repair_flips || report->repair_turned || report->repairs.faces_added || report->repairs.stitched)) {
         report->sign_reason = "the mesh was repaired";
     }
-    if (made->cap_count) report->sign_reason = "holes closed, none wider than a voxel";
+    if (made->cap_count)
+        report->sign_reason = r->structure == DF_FIELD_ADF ? "holes closed, none wider than the leaf around it"
+                                                           : "holes closed, none wider than a voxel";
     else if (made->flipped_faces) report->sign_reason = "faces oriented alike";
     else if (made->inverted_components) report->sign_reason = "bodies turned that were inside out";
     return report->sign_reason ? DF_VERDICT_REPAIRED : DF_VERDICT_CERTAIN;

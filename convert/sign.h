@@ -9,6 +9,8 @@
 #include "convert/sign_normal.h"
 #include "convert/winding.h"
 
+#include <math.h>
+
 typedef enum df_sign_method {
     DF_SIGN_AUTO,    /* winding number >= 1, or generalised >= 0.5 where the mesh has a border */
     DF_SIGN_WINDING, /* the same: kept as a name of its own, so that a script can insist */
@@ -53,5 +55,11 @@ void df_sign_make_rule(const df_sign *sign, const double centre[3], double radiu
  * rows; points: where the values lie, looked at only where the rule needs them. */
 void df_sign_apply(const df_sign_rule *rule, const int32_t *windings, const double (*points)[3], uint32_t count,
                    float *values);
+
+/* True where the signed distances a and b of two points so far apart have different signs although no surface can lie
+ * between them: |a| + |b| is more. */
+static inline bool df_sign_is_wall(double apart, float a, float b) {
+    return (a < 0) != (b < 0) && fabsf(a) + fabsf(b) > (float)(apart * (1 + 1e-6));
+}
 
 #endif
