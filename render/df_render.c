@@ -312,7 +312,7 @@ static void session_free(session *s) {
 static df_status check_outputs(options *opts, session *s, df_error *err) {
     const char *float_paths[2] = {opts->depth_path, opts->normals_path};
     df_status status = DF_OK;
-    if (opts->mesh_path) status = df_mesh_check_path(opts->mesh_path, err);
+    if (opts->mesh_path) status = df_mc_mesh_check_path(opts->mesh_path, err);
     if (status == DF_OK && opts->mesh_path) status = df_output_check(opts->mesh_path, err);
     if (status != DF_OK) return status;
     if (!opts->output_path && !opts->from_path && !opts->bench_frames && !opts->mesh_path) {
@@ -488,6 +488,13 @@ static const df_tracer *choose_tracer(const options *opts, const session *s) {
     return tracer;
 }
 
+/* A picture without a surface is no error, but hardly what was meant. */
+static void note_empty(const df_field *field, double iso) {
+    if ((double)field->value_min < iso && iso <= (double)field->value_max) return;
+    fprintf(stderr, "df-render: this field has no surface at iso %g: its values go from %g to %g\n", iso,
+            (double)field->value_min, (double)field->value_max);
+}
+
 /* What must happen to the field in memory before the first picture, and after every edit of it. */
 static df_status open_devices(const options *opts, session *s, df_error *err) {
     const df_settings *settings = &opts->settings;
@@ -513,7 +520,9 @@ static df_status open_devices(const options *opts, session *s, df_error *err) {
                                     .walk = settings->walk};
     s->report.tracer = tracer;
     s->report.tile = tile;
-    return df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
+    status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
+    if (status == DF_OK) note_empty(&s->field, settings->iso);
+    return status;
 }
 
 static df_status render(options *opts, session *s, df_error *err) {
@@ -641,7 +650,7 @@ int main(int argc, char **argv) {
     static char version[256];
     snprintf(version, sizeof version, "df-render " DF_VERSION "\ntracers:");
     for (int list = 0; list < 2; list++) {
-        for (const df_tracer *const *tracer = list ? df_mesh_tracers : df_tracers; *tracer; tracer++) {
+        for (const df_tracer *const *tracer = list ? df_mc_tracers : df_tracers; *tracer; tracer++) {
             snprintf(version + strlen(version), sizeof version - strlen(version), " %s", (*tracer)->name);
         }
     }

@@ -31,7 +31,7 @@ static df_status set_tracer(df_settings *settings, const char *value, df_error *
         return df_fail(err, DF_ERROR_USAGE, "--tracer %s: built without %s", value,
                        value[3] == 'e' ? "Embree" : "OpenGL and EGL");
     for (int list = 0; list < 2; list++) {
-        for (const df_tracer *const *tracer = list ? df_mesh_tracers : df_tracers; *tracer; tracer++) {
+        for (const df_tracer *const *tracer = list ? df_mc_tracers : df_tracers; *tracer; tracer++) {
             snprintf(names + strlen(names), sizeof names - strlen(names), ", %s", (*tracer)->name);
         }
     }

@@ -7,7 +7,7 @@
 
 const df_tracer *const df_tracers[] = {
     &df_tracer_splat, &df_tracer_packet, &df_tracer_cgt, &df_tracer_dda, &df_tracer_adf_packet, &df_tracer_adf, NULL};
-const df_tracer *const df_mesh_tracers[] = {
+const df_tracer *const df_mc_tracers[] = {
 #ifdef DF_HAVE_EMBREE
     &df_tracer_mc_embree,
 #endif
@@ -26,7 +26,7 @@ const df_tracer *df_tracer_find(const char *name) {
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         if (strcmp((*tracer)->name, name) == 0) return *tracer;
     }
-    for (const df_tracer *const *tracer = df_mesh_tracers; *tracer; tracer++) {
+    for (const df_tracer *const *tracer = df_mc_tracers; *tracer; tracer++) {
         if (strcmp((*tracer)->name, name) == 0) return *tracer;
     }
     return NULL;

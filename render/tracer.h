@@ -116,7 +116,7 @@ extern const df_tracer df_tracer_tricubic;
 /* All tracers of the field, the fastest first, and those that draw its marching-cubes mesh instead, as far as built in;
  * ended by NULL. */
 extern const df_tracer *const df_tracers[];
-extern const df_tracer *const df_mesh_tracers[];
+extern const df_tracer *const df_mc_tracers[];
 const df_tracer *df_tracer_find(const char *name); /* NULL: no such tracer */
 
 /* The fastest tracer that suits a scene and a view, and takes the bounds that the options ask for: what --tracer auto

@@ -45,7 +45,7 @@ static uint64_t check_half_edges(const half_edge *link, uint32_t count, mesh_che
     return pairs;
 }
 
-mesh_check check_mesh(const df_mesh *mesh) {
+mesh_check check_mesh(const df_mc_mesh *mesh) {
     mesh_check check = {0};
     uint64_t pairs = 0, *start = calloc((size_t)mesh->vertex_count + 2, sizeof *start);
     half_edge *links = malloc((3 * (size_t)mesh->triangle_count + 1) * sizeof *links); /* by vertex: opposite edges */

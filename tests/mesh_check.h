@@ -15,7 +15,7 @@ typedef struct mesh_check {
     int64_t euler;       /* V - E + F */
 } mesh_check;
 
-mesh_check check_mesh(const df_mesh *mesh);
+mesh_check check_mesh(const df_mc_mesh *mesh);
 
 /* The Euler characteristic of the surface 0 of a dense or ADF field whose outermost samples are outside. Subdivide and
  * count: the field is cut into open voxels, squares, edges and samples, each of them until f has one sign in a piece or

@@ -55,12 +55,12 @@ static double diagonal_cell(const double grid[3], const void *context) {
     return values[upper != 0 && upper != 3];
 }
 
-static void extract(const df_field *field, df_mc_params params, df_mesh *mesh) {
+static void extract(const df_field *field, df_mc_params params, df_mc_mesh *mesh) {
     df_error err = {0};
-    if (df_mesh_extract(field, "test", &params, mesh, &err) != DF_OK) fail_msg("%s", err.text);
+    if (df_mc_extract(field, "test", &params, mesh, &err) != DF_OK) fail_msg("%s", err.text);
 }
 
-static void assert_closed(const df_mesh *mesh, const char *what) {
+static void assert_closed(const df_mc_mesh *mesh, const char *what) {
     mesh_check check = check_mesh(mesh);
     if (check.border_edges || check.crowded_edges || check.split_vertices || check.unused_vertices ||
         check.degenerate) {
@@ -80,12 +80,12 @@ static void random_fields_give_closed_manifolds(void **state) {
         df_field field;
         make_noise(&field, DF_FIELD_DENSE, seed, 16);
         for (int method = 0; method < 2; method++) {
-            df_mesh mesh;
+            df_mc_mesh mesh;
             extract(&field, (df_mc_params){.method = (df_mc_method)method, .skip_normals = true}, &mesh);
             assert_closed(&mesh, method ? "classic" : "correct");
             if (method == DF_MC_CORRECT && (full || seed % 20 == 0)) /* by CGAL */
                 assert_int_equal(judge_mesh(mesh.positions, mesh.vertex_count, mesh.triangles, mesh.triangle_count), 1);
-            df_mesh_free(&mesh);
+            df_mc_mesh_free(&mesh);
         }
         df_field_free(&field);
     }
@@ -114,7 +114,7 @@ static void the_oracle_of_topology_knows_simple_solids(void **state) {
     }
 }
 
-static void assert_euler(const df_field *field, const df_mesh *mesh) {
+static void assert_euler(const df_field *field, const df_mc_mesh *mesh) {
     const int64_t euler = check_mesh(mesh).euler, expected = subdivided_euler(field);
     if (euler != expected)
         fail_msg("Euler characteristic %lld, by subdivision %lld", (long long)euler, (long long)expected);
@@ -124,11 +124,11 @@ static void euler_characteristic_is_that_of_the_trilinear_surface(void **state) 
     (void)state;
     for (uint64_t seed = 0; seed < (full ? 1000 : 60); seed++) {
         df_field field;
-        df_mesh mesh;
+        df_mc_mesh mesh;
         make_noise(&field, DF_FIELD_DENSE, 5000 + seed, 16);
         extract(&field, (df_mc_params){.skip_normals = true}, &mesh);
         assert_euler(&field, &mesh);
-        df_mesh_free(&mesh);
+        df_mc_mesh_free(&mesh);
         df_field_free(&field);
     }
 }
@@ -227,7 +227,7 @@ static void levels_of_an_octree_meet_without_cracks(void **state) {
     (void)state;
     for (uint64_t seed = 0; seed < 200; seed++) {
         df_field field;
-        df_mesh mesh;
+        df_mc_mesh mesh;
         make_random_tree(&field, seed);
         if (field.value_min >= 0) { /* coarse leaves on the border may have left nothing inside */
             df_field_free(&field);
@@ -236,12 +236,12 @@ static void levels_of_an_octree_meet_without_cracks(void **state) {
         extract(&field, (df_mc_params){.skip_normals = seed % 2 == 0}, &mesh);
         assert_closed(&mesh, "octree");
         if (full || seed < 20) assert_euler(&field, &mesh);
-        df_mesh_free(&mesh);
+        df_mc_mesh_free(&mesh);
         df_field_free(&field);
     }
 }
 
-static void assert_same_mesh(const df_mesh *a, const df_mesh *b) {
+static void assert_same_mesh(const df_mc_mesh *a, const df_mc_mesh *b) {
     assert_int_equal(a->vertex_count, b->vertex_count);
     assert_int_equal(a->triangle_count, b->triangle_count);
     assert_memory_equal(a->positions, b->positions, (size_t)a->vertex_count * 3 * sizeof *a->positions);
@@ -253,7 +253,7 @@ static void bytes_are_the_same_for_any_thread_count(void **state) {
     (void)state;
     for (int kind = 0; kind < 4; kind++) {
         df_field field;
-        df_mesh mesh[3];
+        df_mc_mesh mesh[3];
         df_error err;
         if (kind == 0) make_noise(&field, DF_FIELD_DENSE, 1, 30);
         if (kind == 1) make_random_tree(&field, 3);
@@ -264,7 +264,7 @@ static void bytes_are_the_same_for_any_thread_count(void **state) {
         for (uint32_t i = 0; i < 3; i++) extract(&field, (df_mc_params){.thread_count = i == 2 ? 8 : i + 1}, &mesh[i]);
         assert_same_mesh(&mesh[0], &mesh[1]);
         assert_same_mesh(&mesh[0], &mesh[2]);
-        for (int i = 0; i < 3; i++) df_mesh_free(&mesh[i]);
+        for (int i = 0; i < 3; i++) df_mc_mesh_free(&mesh[i]);
         df_field_free(&field);
     }
 }
@@ -273,7 +273,7 @@ static void bytes_are_the_same_for_any_thread_count(void **state) {
 static void bricks_give_the_mesh_of_the_dense_field(void **state) {
     (void)state;
     df_field dense, bricks;
-    df_mesh a, b;
+    df_mc_mesh a, b;
     df_error err;
     const uint32_t count[3] = {53, 48, 41};
     assert_int_equal(test_field_sphere(&dense, DF_FIELD_DENSE, 0, count, 19.7, &err), DF_OK);
@@ -283,8 +283,8 @@ static void bricks_give_the_mesh_of_the_dense_field(void **state) {
     assert_same_mesh(&a, &b);
     assert_closed(&a, "sphere");
     assert_int_equal(check_mesh(&a).euler, 2);
-    df_mesh_free(&a);
-    df_mesh_free(&b);
+    df_mc_mesh_free(&a);
+    df_mc_mesh_free(&b);
     df_field_free(&dense);
     df_field_free(&bricks);
 }
@@ -295,7 +295,7 @@ static void quantised_fields_give_the_mesh_of_their_values(void **state) {
     const df_sample_type types[] = {DF_SAMPLE_U16, DF_SAMPLE_U8};
     for (int i = 0; i < 4; i++) {
         df_field quantised, values;
-        df_mesh a, b;
+        df_mc_mesh a, b;
         df_error err;
         const df_field_kind kind = i & 1 ? DF_FIELD_BRICKS : DF_FIELD_DENSE;
         const uint32_t count[3] = {29, 32, 27};
@@ -309,8 +309,8 @@ static void quantised_fields_give_the_mesh_of_their_values(void **state) {
         extract(&values, (df_mc_params){0}, &b);
         assert_same_mesh(&a, &b);
         assert_int_equal(check_mesh(&a).euler, 2);
-        df_mesh_free(&a);
-        df_mesh_free(&b);
+        df_mc_mesh_free(&a);
+        df_mc_mesh_free(&b);
         df_field_free(&quantised);
         df_field_free(&values);
     }
@@ -332,7 +332,7 @@ static double dense_value(const df_field *field, const double grid[3]) {
 static void vertices_lie_on_the_trilinear_surface(void **state) {
     (void)state;
     df_field field;
-    df_mesh mesh;
+    df_mc_mesh mesh;
     make_noise(&field, DF_FIELD_DENSE, 77, 40);
     extract(&field, (df_mc_params){0}, &mesh);
     uint32_t on_edges = 0;
@@ -357,7 +357,7 @@ static void vertices_lie_on_the_trilinear_surface(void **state) {
         const float *n = mesh.normals + 3 * (size_t)v;
         assert_true(fabsf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] - 1) < 1e-5f);
     }
-    df_mesh_free(&mesh);
+    df_mc_mesh_free(&mesh);
     df_field_free(&field);
 }
 
@@ -371,7 +371,7 @@ static double median_sphere_error(df_field_kind kind, bool *outward) {
     enum { POINTS = 20000 };
     static double errors[POINTS];
     df_field field;
-    df_mesh mesh;
+    df_mc_mesh mesh;
     df_error err;
     assert_int_equal(test_field_sphere(&field, kind, 8, (uint32_t[3]){64, 64, 64}, 24, &err), DF_OK);
     extract(&field, (df_mc_params){0}, &mesh);
@@ -404,7 +404,7 @@ static double median_sphere_error(df_field_kind kind, bool *outward) {
             *outward && facing >= 0 && (double)n[0] * out[0] + (double)n[1] * out[1] + (double)n[2] * out[2] > 23;
     }
     qsort(errors, POINTS, sizeof *errors, compare_doubles);
-    df_mesh_free(&mesh);
+    df_mc_mesh_free(&mesh);
     df_field_free(&field);
     return errors[POINTS / 2];
 }
@@ -430,7 +430,7 @@ static void a_surface_that_leaves_the_box_has_its_border_there(void **state) {
         for (double height = 0; height <= 16;
              height += 8) { /* the upper plane of samples is on the surface at 16: nothing is outside */
             df_field field;
-            df_mesh mesh;
+            df_mc_mesh mesh;
             df_error err;
             double h = height == 0 ? 0.5 : height == 16 ? 15.75 : height;
             assert_int_equal(
@@ -442,7 +442,7 @@ static void a_surface_that_leaves_the_box_has_its_border_there(void **state) {
             assert_int_equal(check.border_edges, 4 * 16);
             assert_int_equal(check.crowded_edges + check.split_vertices + check.unused_vertices, 0);
             for (uint32_t v = 0; v < mesh.vertex_count; v++) assert_true(fabs(mesh.positions[3 * v + 2] - h) < 1e-6);
-            df_mesh_free(&mesh);
+            df_mc_mesh_free(&mesh);
             df_field_free(&field);
         }
     }
@@ -451,7 +451,7 @@ static void a_surface_that_leaves_the_box_has_its_border_there(void **state) {
 static void other_isos_and_bad_ones(void **state) {
     (void)state;
     df_field field;
-    df_mesh mesh;
+    df_mc_mesh mesh;
     df_error err;
     assert_int_equal(test_field_sphere(&field, DF_FIELD_DENSE, 0, (uint32_t[3]){40, 40, 40}, 10, &err), DF_OK);
     extract(&field, (df_mc_params){.iso = 4}, &mesh);
@@ -460,18 +460,18 @@ static void other_isos_and_bad_ones(void **state) {
         assert_true(fabs(sqrt((p[0] - 20) * (p[0] - 20) + (p[1] - 20) * (p[1] - 20) + (p[2] - 20) * (p[2] - 20)) - 14) <
                     0.02);
     }
-    df_mesh_free(&mesh);
+    df_mc_mesh_free(&mesh);
     const float bad[] = {-10.5f, 30, INFINITY, NAN};
     for (int i = 0; i < 4; i++) {
         df_mc_params params = {.iso = bad[i]};
-        assert_int_not_equal(df_mesh_extract(&field, "sphere.dfield", &params, &mesh, &err), DF_OK);
+        assert_int_not_equal(df_mc_extract(&field, "sphere.dfield", &params, &mesh, &err), DF_OK);
         assert_non_null(strstr(err.text, "sphere.dfield"));
         assert_int_equal(mesh.vertex_count, 0);
     }
     df_field_free(&field);
     assert_int_equal(test_field_sphere(&field, DF_FIELD_BRICKS, 8, (uint32_t[3]){40, 40, 40}, 10, &err), DF_OK);
     df_mc_params params = {.iso = field.value_max};
-    assert_int_equal(df_mesh_extract(&field, "sphere.dfield", &params, &mesh, &err), DF_ERROR_INPUT);
+    assert_int_equal(df_mc_extract(&field, "sphere.dfield", &params, &mesh, &err), DF_ERROR_INPUT);
     assert_non_null(strstr(err.text, "leaves what is stored"));
     df_field_free(&field);
 }
@@ -487,7 +487,7 @@ static void a_mesh_of_more_than_two_to_the_31_indices_is_refused(void **state) {
                       .error_max = -1,
                       .error_rms = -1};
     df_error err;
-    df_mesh mesh;
+    df_mc_mesh mesh;
     uint8_t *samples;
     if (!full) skip();
     assert_int_equal(df_alloc_raw((void **)&samples, (uint64_t)SIDE * SIDE * SIDE, 1, "samples", &err), DF_OK);
@@ -496,7 +496,7 @@ static void a_mesh_of_more_than_two_to_the_31_indices_is_refused(void **state) {
     df_field_own(&field, samples);
     assert_int_equal(df_field_finish(&field, "chequered", &err), DF_OK);
     const df_mc_params params = {.method = DF_MC_CLASSIC};
-    assert_int_equal(df_mesh_extract(&field, "chequered.dfield", &params, &mesh, &err), DF_ERROR_INPUT);
+    assert_int_equal(df_mc_extract(&field, "chequered.dfield", &params, &mesh, &err), DF_ERROR_INPUT);
     assert_string_equal(err.text,
                         "chequered.dfield: the mesh would have 717624576 triangles (at most 715827882 are possible)");
     assert_int_equal(mesh.triangle_count, 0);
@@ -506,14 +506,14 @@ static void a_mesh_of_more_than_two_to_the_31_indices_is_refused(void **state) {
 static void bricks_that_contradict_each_other_are_refused(void **state) {
     (void)state;
     df_field field;
-    df_mesh mesh;
+    df_mc_mesh mesh;
     df_error err;
     assert_int_equal(test_field_sphere(&field, DF_FIELD_BRICKS, 8, (uint32_t[3]){40, 40, 40}, 13, &err), DF_OK);
     /* One sample in the middle of a face that two bricks share, changed in the lower one only. */
     uint32_t brick = field.cells[0 + 5 * (2 + 5 * 2)];
     ((float *)field.samples)[(uint64_t)brick * 729 + 8 + 9 * (4 + 9 * 4)] *= -1;
     df_mc_params params = {0};
-    df_status status = df_mesh_extract(&field, "sphere.dfield", &params, &mesh, &err);
+    df_status status = df_mc_extract(&field, "sphere.dfield", &params, &mesh, &err);
     assert_int_equal(status, DF_ERROR_FORMAT);
     assert_non_null(strstr(err.text, "neighbours share"));
     df_field_free(&field);

@@ -41,13 +41,13 @@ static void rays_through_corners_and_edges_of_a_cube_hit_it(void **unused) {
 
 static void extract(const df_field *field, lab_mesh **mesh) {
     const df_mc_params params = {.skip_normals = true};
-    df_mesh triangles = {0};
+    df_mc_mesh triangles = {0};
     df_error err;
-    if (df_mesh_extract(field, "test", &params, &triangles, &err)) fail_msg("%s", err.text);
+    if (df_mc_extract(field, "test", &params, &triangles, &err)) fail_msg("%s", err.text);
     if (lab_mesh_make(triangles.positions, triangles.vertex_count, triangles.triangles, triangles.triangle_count, mesh,
                       &err))
         fail_msg("%s", err.text);
-    df_mesh_free(&triangles);
+    df_mc_mesh_free(&triangles);
 }
 
 static void nothing_escapes_from_an_extracted_mesh(void **unused) {

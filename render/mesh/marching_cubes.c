@@ -95,20 +95,20 @@ typedef struct scratch {
     df_mc_patch patch;
 } scratch;
 
-void df_mesh_free(df_mesh *mesh) {
+void df_mc_mesh_free(df_mc_mesh *mesh) {
     free(mesh->positions);
     free(mesh->normals);
     free(mesh->triangles);
     memset(mesh, 0, sizeof *mesh);
 }
 
-uint64_t df_mesh_bytes(const df_mesh *mesh) {
+uint64_t df_mc_mesh_bytes(const df_mc_mesh *mesh) {
     uint64_t vertex = 3 * sizeof(double) + (mesh->normals ? 3 * sizeof(float) : 0);
     return mesh->vertex_count * vertex + mesh->triangle_count * (uint64_t)(3 * sizeof(uint32_t));
 }
 
-df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count,
-                           bool normals, df_error *err) {
+df_status df_mc_mesh_allocate(df_mc_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count,
+                              bool normals, df_error *err) {
     memset(mesh, 0, sizeof *mesh);
     if (3 * triangle_count > DF_MESH_INDEX_MAX || vertex_count > DF_MESH_INDEX_MAX) {
         return df_fail(err, DF_ERROR_INPUT, "%s: the mesh would have %" PRIu64 " triangles (at most %u are possible)",
@@ -120,7 +120,7 @@ df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_coun
     if (status == DF_OK)
         status = df_alloc_raw((void **)&mesh->triangles, triangle_count, 3 * sizeof(uint32_t), "mesh triangles", err);
     if (status != DF_OK) {
-        df_mesh_free(mesh);
+        df_mc_mesh_free(mesh);
         return status;
     }
     mesh->vertex_count = (uint32_t)vertex_count;
@@ -502,7 +502,7 @@ static void batch_normals(batch *b, float *normals) {
 }
 
 /* Writes the vertices of the batch as those from `vertex` on, and empties it. */
-static void write_batch(const grid *g, scratch *s, uint64_t vertex, df_mesh *mesh) {
+static void write_batch(const grid *g, scratch *s, uint64_t vertex, df_mc_mesh *mesh) {
     batch *b = &s->batch;
     const view *v = &s->view;
     const double iso = (double)g->params.iso;
@@ -527,7 +527,7 @@ static void write_batch(const grid *g, scratch *s, uint64_t vertex, df_mesh *mes
 }
 
 /* The vertices that a block owns: written, and entered in the index. */
-static void write_edge_vertices(const grid *g, const block *block_of_view, scratch *s, df_mesh *mesh) {
+static void write_edge_vertices(const grid *g, const block *block_of_view, scratch *s, df_mc_mesh *mesh) {
     const uint32_t side = g->k + 1;
     const extent *e = &s->view.size;
     batch *b = &s->batch;
@@ -572,7 +572,7 @@ static void interior_normal(const grid *g, const scratch *s, const uint32_t at[3
 /* Writes the triangles of a voxel that fill_voxel made, and its interior vertices from *vertex on. index: at the voxel.
  */
 static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], const uint32_t *index, uint64_t *vertex,
-                        uint32_t *triangles, df_mesh *mesh) {
+                        uint32_t *triangles, df_mc_mesh *mesh) {
     const df_mc_patch *patch = &s->patch;
     for (uint32_t t = 0; t < patch->triangle_count; t++) {
         for (int i = 0; i < 3; i++) {
@@ -589,7 +589,7 @@ static void write_patch(const grid *g, const scratch *s, const uint32_t at[3], c
 }
 
 /* Second pass: the vertices and triangles of a block. Returns false where a neighbouring brick lacks a vertex. */
-static bool write_block(const grid *g, uint32_t number, scratch *s, df_mesh *mesh) {
+static bool write_block(const grid *g, uint32_t number, scratch *s, df_mc_mesh *mesh) {
     const block *b = &g->blocks[number];
     uint32_t cell[3], side = g->k + 1;
     cell_coordinates(g, b->cell, cell);
@@ -635,7 +635,7 @@ static df_status make_scratch(scratch **all, int count, df_error *err) {
     return status;
 }
 
-static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh *mesh, df_error *err) {
+static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mc_mesh *mesh, df_error *err) {
     df_status status = list_blocks(g, all, err);
     if (status != DF_OK) return status;
     int threads = df_mc_threads(&g->params); // NOLINT(clang-analyzer-deadcode.DeadStores): the pragma reads it
@@ -644,7 +644,7 @@ static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh
     uint64_t vertex_count, triangle_count, incomplete = 0;
     sum_counts(g, &vertex_count, &triangle_count);
     if (!triangle_count) return DF_OK;
-    status = df_mesh_allocate(mesh, name, vertex_count, triangle_count, !g->params.skip_normals, err);
+    status = df_mc_mesh_allocate(mesh, name, vertex_count, triangle_count, !g->params.skip_normals, err);
     if (status != DF_OK) return status;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads) reduction(+ : incomplete)
     for (uint32_t i = 0; i < g->block_count; i++) {
@@ -652,13 +652,13 @@ static df_status extract_blocks(grid *g, const char *name, scratch *all, df_mesh
         df_progress_add(g->params.progress, 1);
     }
     if (!incomplete) return DF_OK;
-    df_mesh_free(mesh);
+    df_mc_mesh_free(mesh);
     return df_fail(err, DF_ERROR_FORMAT,
                    "%s: the samples of %" PRIu64 " bricks differ from those that their neighbours share", name,
                    incomplete);
 }
 
-static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+static df_status extract_grid(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
                               df_error *err) {
     grid g = {.field = field, .params = *params, .k = field->kind == DF_FIELD_BRICKS ? field->brick_size : DENSE_BLOCK};
     for (int a = 0; a < 3; a++) g.cell_count[a] = (field->voxel_count[a] + g.k - 1) / g.k;
@@ -683,7 +683,7 @@ static df_status extract_grid(const df_field *field, const char *name, const df_
     return status;
 }
 
-uint64_t df_mesh_work(const df_field *field) {
+uint64_t df_mc_mesh_work(const df_field *field) {
     if (field->kind == DF_FIELD_ADF) return 2 * (uint64_t)field->family_count;
     if (field->kind == DF_FIELD_BRICKS) return 2 * (uint64_t)field->brick_count;
     uint64_t blocks = 1;
@@ -691,8 +691,8 @@ uint64_t df_mesh_work(const df_field *field) {
     return 2 * blocks;
 }
 
-df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
-                          df_error *err) {
+df_status df_mc_extract(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
+                        df_error *err) {
     memset(mesh, 0, sizeof *mesh);
     const float iso = params->iso;
     float low = -INFINITY, high = INFINITY;

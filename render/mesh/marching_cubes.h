@@ -26,34 +26,34 @@ typedef struct df_mc_params {
     df_mc_method method;
     uint32_t thread_count; /* 0: OpenMP's default */
     bool skip_normals;     /* leave normals NULL */
-    df_progress *progress; /* NULL: none; gets df_mesh_work units */
+    df_progress *progress; /* NULL: none; gets df_mc_mesh_work units */
 } df_mc_params;
 
-/* Zero-initialised = empty; df_mesh_free releases it. */
-typedef struct df_mesh {
+/* Zero-initialised = empty; df_mc_mesh_free releases it. */
+typedef struct df_mc_mesh {
     uint32_t vertex_count, triangle_count;
     double *positions; /* vertex_count * 3, grid space */
     float *normals; /* vertex_count * 3: unit length, world directions, towards larger values: the central differences
                        at the ends of a vertex's edge, interpolated. NULL when skipped */
     uint32_t *triangles; /* triangle_count * 3 vertices, counter-clockwise seen from outside */
-} df_mesh;
+} df_mc_mesh;
 
 #define DF_MESH_INDEX_MAX 0x7FFFFFFFu /* vertex numbers in all triangles together */
 
-void df_mesh_free(df_mesh *mesh);
+void df_mc_mesh_free(df_mc_mesh *mesh);
 
 /* Extracts the surface. DF_ERROR_INPUT, naming the range, when iso is out of what the field stores or there is no
  * surface; and when the mesh would have more than DF_MESH_INDEX_MAX indices. `name` stands for the field in messages.
  * The mesh is empty after a failure. Needs little more memory than the mesh: about 300 bytes for each brick at the
  * surface, and some KiB a thread. */
-df_status df_mesh_extract(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
-                          df_error *err);
+df_status df_mc_extract(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
+                        df_error *err);
 
 /* The units of progress that an extraction makes. */
-uint64_t df_mesh_work(const df_field *field);
+uint64_t df_mc_mesh_work(const df_field *field);
 
 /* Bytes of the mesh's arrays. */
-uint64_t df_mesh_bytes(const df_mesh *mesh);
+uint64_t df_mc_mesh_bytes(const df_mc_mesh *mesh);
 
 #ifdef __cplusplus
 }

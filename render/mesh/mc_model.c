@@ -8,11 +8,11 @@
 #include <string.h>
 
 df_status df_mc_model_make(const df_scene *scene, uint32_t threads, df_mc_model *model, df_error *err) {
-    df_mesh mesh;
+    df_mc_mesh mesh;
     memset(model, 0, sizeof *model);
     const double start = df_now_ms();
     const df_mc_params params = {.iso = scene->iso, .thread_count = threads};
-    df_status status = df_mesh_extract(scene->field, "the field", &params, &mesh, err);
+    df_status status = df_mc_extract(scene->field, "this field", &params, &mesh, err);
     if (status == DF_OK)
         status = df_alloc_raw((void **)&model->positions, 3 * (uint64_t)mesh.vertex_count + 1, sizeof(float),
                               "mesh positions", err);
@@ -26,7 +26,7 @@ df_status df_mc_model_make(const df_scene *scene, uint32_t threads, df_mc_model 
         mesh.normals = NULL;
         mesh.triangles = NULL;
     }
-    df_mesh_free(&mesh);
+    df_mc_mesh_free(&mesh);
     model->extract_ms = df_now_ms() - start;
     return status;
 }

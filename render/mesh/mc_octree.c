@@ -405,7 +405,7 @@ static void vertex_normal(const octree *o, const double position[3], double widt
     df_mc_normal(o->field, gradient, fallback, normal);
 }
 
-static void write_owned(const octree *o, const leaf *l, uint32_t owned, uint64_t *vertex, df_mesh *mesh) {
+static void write_owned(const octree *o, const leaf *l, uint32_t owned, uint64_t *vertex, df_mc_mesh *mesh) {
     for (; owned; owned &= owned - 1, ++*vertex) {
         edge e;
         double *position = mesh->positions + 3 * *vertex, fallback[3] = {0};
@@ -419,7 +419,7 @@ static void write_owned(const octree *o, const leaf *l, uint32_t owned, uint64_t
 
 /* Writes the triangles of a leaf and its interior vertices. Returns false where a vertex is nobody's. */
 static bool write_leaf(const octree *o, const scratch *s, const leaf *l, uint64_t *vertex, uint32_t **triangles,
-                       df_mesh *mesh) {
+                       df_mc_mesh *mesh) {
     const df_mc_patch *patch = &s->patch;
     uint32_t missing = 0;
     for (uint32_t t = 0; t < patch->triangle_count; t++) {
@@ -442,7 +442,7 @@ static bool write_leaf(const octree *o, const scratch *s, const leaf *l, uint64_
 }
 
 /* Second pass over a family. */
-static df_status write_family(const octree *o, uint32_t family, scratch *s, df_mesh *mesh, df_error *err) {
+static df_status write_family(const octree *o, uint32_t family, scratch *s, df_mc_mesh *mesh, df_error *err) {
     const family_record *r = &o->records[family];
     uint64_t edge_vertex = r->vertex_first, vertex = edge_vertex + r->edge_count;
     uint32_t *triangles = mesh->triangles + 3 * (uint64_t)r->triangle_first;
@@ -481,7 +481,7 @@ static void place_families(const octree *o) {
 }
 
 /* Runs a pass over all families; mesh NULL: the first. On failure *err holds one of the messages. */
-static df_status run_pass(const octree *o, scratch *all, df_mesh *mesh, df_error *err) {
+static df_status run_pass(const octree *o, scratch *all, df_mc_mesh *mesh, df_error *err) {
     df_status status = DF_OK;
 #pragma omp parallel for schedule(dynamic, 64) num_threads(df_mc_threads(&o->params))
     for (uint32_t f = 0; f < o->field->family_count; f++) {
@@ -500,7 +500,7 @@ static df_status run_pass(const octree *o, scratch *all, df_mesh *mesh, df_error
     return status;
 }
 
-static df_status extract(octree *o, scratch *all, df_mesh *mesh, df_error *err) {
+static df_status extract(octree *o, scratch *all, df_mc_mesh *mesh, df_error *err) {
     uint64_t vertex_count = 0, triangle_count = 0;
     place_families(o);
     df_status status = run_pass(o, all, NULL, err);
@@ -514,13 +514,13 @@ static df_status extract(octree *o, scratch *all, df_mesh *mesh, df_error *err) 
         triangle_count += triangles;
     }
     if (!triangle_count) return DF_OK;
-    status = df_mesh_allocate(mesh, o->name, vertex_count, triangle_count, !o->params.skip_normals, err);
+    status = df_mc_mesh_allocate(mesh, o->name, vertex_count, triangle_count, !o->params.skip_normals, err);
     if (status == DF_OK) status = run_pass(o, all, mesh, err);
-    if (status != DF_OK) df_mesh_free(mesh);
+    if (status != DF_OK) df_mc_mesh_free(mesh);
     return status;
 }
 
-df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
                                df_error *err) {
     octree o = {.field = field, .name = name, .params = *params};
     scratch *all = NULL;

@@ -7,8 +7,8 @@
 #define DF_MC_NONE 0xFFFFFFFFu
 
 /* Allocates the arrays of a mesh; refuses too many indices. */
-df_status df_mesh_allocate(df_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count,
-                           bool normals, df_error *err);
+df_status df_mc_mesh_allocate(df_mc_mesh *mesh, const char *name, uint64_t vertex_count, uint64_t triangle_count,
+                              bool normals, df_error *err);
 
 /* The normal from a gradient per voxel; where that vanishes, `fallback`'s direction, which is not zero. */
 void df_mc_normal(const df_field *field, const double gradient[3], const double fallback[3], float normal[3]);
@@ -16,8 +16,8 @@ void df_mc_normal(const df_field *field, const double gradient[3], const double 
 /* The threads that params ask for. */
 int df_mc_threads(const df_mc_params *params);
 
-/* df_mesh_extract for ADF fields. */
-df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mesh *mesh,
+/* df_mc_extract for ADF fields. */
+df_status df_mc_extract_octree(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
                                df_error *err);
 
 #endif

@@ -47,7 +47,7 @@ static const char *extension(const char *path) {
     return dot && (!slash || dot > slash) ? dot : "";
 }
 
-df_status df_mesh_check_path(const char *path, df_error *err) {
+df_status df_mc_mesh_check_path(const char *path, df_error *err) {
     const char *known[] = {".ply", ".obj", ".stl"};
     for (int i = 0; i < 3; i++) {
         if (strcasecmp(extension(path), known[i]) == 0) return DF_OK;
@@ -55,11 +55,11 @@ df_status df_mesh_check_path(const char *path, df_error *err) {
     return df_fail(err, DF_ERROR_USAGE, "%s: expected a name that ends in .ply, .obj or .stl", path);
 }
 
-static void world_position(const df_mesh *mesh, const df_field *field, uint32_t vertex, double world[3]) {
+static void world_position(const df_mc_mesh *mesh, const df_field *field, uint32_t vertex, double world[3]) {
     df_field_grid_to_world(field, mesh->positions + 3 * (size_t)vertex, world);
 }
 
-static void write_ply(stream *s, const df_mesh *mesh, const df_field *field) {
+static void write_ply(stream *s, const df_mc_mesh *mesh, const df_field *field) {
     s->used += (size_t)snprintf(room(s), RECORD_MAX,
                                 "ply\nformat binary_little_endian 1.0\ncomment distfield " DF_VERSION "\n");
     s->used += (size_t)snprintf(room(s), RECORD_MAX,
@@ -85,7 +85,7 @@ static void write_ply(stream *s, const df_mesh *mesh, const df_field *field) {
     }
 }
 
-static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
+static void write_obj(stream *s, const df_mc_mesh *mesh, const df_field *field) {
     s->used += (size_t)snprintf(room(s), RECORD_MAX, "# distfield " DF_VERSION "\n");
     for (uint32_t v = 0; v < mesh->vertex_count; v++) {
         double w[3];
@@ -112,7 +112,7 @@ static void write_obj(stream *s, const df_mesh *mesh, const df_field *field) {
     }
 }
 
-static void write_stl(stream *s, const df_mesh *mesh, const df_field *field) {
+static void write_stl(stream *s, const df_mc_mesh *mesh, const df_field *field) {
     char header[80] = "distfield " DF_VERSION; /* must not begin with "solid" */
     s->records += mesh->vertex_count;          /* of which no more is written than the triangles' corners */
     put(s, header, sizeof header);
@@ -139,12 +139,12 @@ static void write_stl(stream *s, const df_mesh *mesh, const df_field *field) {
     }
 }
 
-uint64_t df_mesh_write_work(const df_mesh *mesh) { return mesh->vertex_count + (uint64_t)mesh->triangle_count; }
+uint64_t df_mc_mesh_write_work(const df_mc_mesh *mesh) { return mesh->vertex_count + (uint64_t)mesh->triangle_count; }
 
-df_status df_mesh_write(const df_mesh *mesh, const df_field *field, const char *path, df_progress *progress,
-                        df_error *err) {
+df_status df_mc_mesh_write(const df_mc_mesh *mesh, const df_field *field, const char *path, df_progress *progress,
+                           df_error *err) {
     stream s = {.progress = progress, .err = err};
-    df_status status = df_mesh_check_path(path, err);
+    df_status status = df_mc_mesh_check_path(path, err);
     if (status == DF_OK) status = df_alloc_raw((void **)&s.buffer, BUFFER_SIZE, 1, "mesh file", err);
     if (status == DF_OK) status = df_output_open(&s.output, path, err);
     if (status != DF_OK) {

@@ -40,8 +40,8 @@ static void renew(const df_scene *scene, int gradient, const double at[3], float
     df_mc_normal(scene->field, steep, before, normal);
 }
 
-df_status df_mesh_renew_normals(df_mesh *mesh, const df_field *field, const df_mc_params *params, int gradient,
-                                df_error *err) {
+df_status df_mc_mesh_renew_normals(df_mc_mesh *mesh, const df_field *field, const df_mc_params *params, int gradient,
+                                   df_error *err) {
     df_scene scene;
     const df_scene_options options = {0};
     df_status status = df_scene_prepare(field, params->iso, &options, &scene, err);

@@ -110,7 +110,7 @@ df_status lab_measure_peers(lab_session *session, const lab_subject *s) {
     lab_timing wanted[8] = {make_peer(session, df_tracer_choose(&s->scene, &view, NULL), false),
                             make_peer(session, &df_tracer_dda, true)};
     int wanted_count = 2;
-    for (const df_tracer *const *tracer = df_mesh_tracers; *tracer; tracer++)
+    for (const df_tracer *const *tracer = df_mc_tracers; *tracer; tracer++)
         wanted[wanted_count++] = make_peer(session, *tracer, false);
     const bool done = lab_all_timed(session, s, wanted, wanted_count, wanted[0].row.rays);
     for (int i = 0; i < wanted_count && status == DF_OK && !done; i++) {
