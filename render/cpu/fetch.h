@@ -179,4 +179,29 @@ static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[
     }
 }
 
+/* df_fetch_stencil for a leaf, 8 * family + child; false where it is not known. */
+static inline bool df_fetch_leaf(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf, bool beyond,
+                                 float out[DF_FETCH_STENCIL]) {
+    const uint32_t family = leaf >> 3, x = leaf & 1, y = leaf >> 1 & 1, z = leaf >> 2 & 1;
+    if (df_family_state(&field->families[family], leaf & 7) != DF_CHILD_SURFACE) return false;
+    const float(*outer)[4] = stencils->outer[df_leaf_stencil_number(stencils, field, leaf)];
+    if (outer[0][0] != outer[0][0]) return false;
+    /* Of the family's 3x3x3 samples a leaf's corners are 2x2x2; the third layers lie beyond its inner faces. */
+    const float *own = stencils->samples[family];
+    for (uint32_t i = 0; i < 4; i++) {
+        memcpy(out + 4 * i + 1 - x, own + 3 * (y + (i & 1)) + 9 * (z + (i >> 1)), 3 * sizeof *own);
+        out[4 * i + 3 * x] = outer[0][i];
+    }
+    if (!beyond) return true;
+    float *at_y = out + 16, *at_z = out + 24;
+    for (uint32_t i = 0; i < 2; i++) {
+        memcpy(at_y + 4 * (1 - y) + 2 * i, own + x + 3 * (2 - 2 * y) + 9 * (z + i), 2 * sizeof *own);
+        memcpy(at_z + 4 * (1 - z) + 2 * i, own + x + 3 * (y + i) + 9 * (2 - 2 * z), 2 * sizeof *own);
+        at_y[4 * y + 2 * i] = outer[1][i];
+        at_y[4 * y + 2 * i + 1] = outer[1][i + 2];
+        memcpy(at_z + 4 * z + 2 * i, outer[2] + 2 * i, 2 * sizeof *own);
+    }
+    return true;
+}
+
 #endif

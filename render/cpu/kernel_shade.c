@@ -37,25 +37,27 @@ static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, ui
     }
 }
 
+/* The stencil of a leaf from the octree itself. */
+static void find_leaf_stencil(const df_scene *scene, const uint32_t corner[3], uint32_t leaf, uint32_t size_log2,
+                              bool beyond, float samples[DF_FETCH_STENCIL]) {
+    float stencil[64] = {0};
+    df_scene_leaf_stencil(scene, corner, leaf, size_log2, beyond ? DF_REACH_FACES : DF_REACH_CELL, stencil, 1);
+    for (int n = 0; n < DF_FETCH_STENCIL; n++) samples[n] = stencil[df_fetch_place(n)];
+}
+
 static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
                                 stencils *in) {
     for (uint32_t i = 0; i < lanes; i++) {
-        const float *kept = df_leaf_stencil_kept(hits->stencils, scene->field, hits->block[first + i]);
-        if (kept) {
-            in->from[i] = kept;
-            continue;
-        }
         const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         /* the size scales the gradient, which the normal does not feel */
-        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
+        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT, leaf = hits->block[first + i];
         const uint64_t key =
             corner[0] | (uint64_t)corner[1] << 16 | (uint64_t)corner[2] << 32 | (uint64_t)size_log2 << 48;
         const uint32_t slot = ((corner[0] >> size_log2) + 5 * (corner[1] >> size_log2) + 25 * (corner[2] >> size_log2));
-        float *samples = place_stencil(in, i, first, key, slot % KEPT), stencil[64] = {0};
+        float *samples = place_stencil(in, i, first, key, slot % KEPT);
         if (!samples) continue;
-        df_scene_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond ? DF_REACH_FACES : DF_REACH_CELL,
-                              stencil, 1);
-        for (int n = 0; n < DF_FETCH_STENCIL; n++) samples[n] = stencil[df_fetch_place(n)];
+        if (!hits->stencils || !df_fetch_leaf(hits->stencils, scene->field, leaf, beyond, samples))
+            find_leaf_stencil(scene, corner, leaf, size_log2, beyond, samples);
     }
 }
 

@@ -19,24 +19,35 @@ typedef struct df_shade_job {
     float *depth, *normals;
 } df_shade_job;
 
-/* The samples around the leaves of an octree that the surface crosses (DF_REACH_FACES), for gradients, in the order in
- * which they are fetched (df_fetch_place). Such a leaf's number is that of its first sibling, by family, and 1 for each
- * before it. Where the first number of a stencil is NaN it is not known. */
+/* What gradients need around the leaves of an octree that the surface crosses (DF_REACH_FACES): all samples decoded,
+ * and those beyond the three outer faces of each such leaf. (Beyond the others are its siblings.) A leaf's number is
+ * that of its first sibling, by family, and 1 for each before it. */
 struct df_leaf_stencils {
-    uint32_t *first;      /* by family; at its end the count */
-    float (*samples)[32]; /* by leaf */
+    float (*samples)[DF_FAMILY_SAMPLE_COUNT]; /* by family */
+    uint32_t *first;                          /* by family */
+    /* By leaf and axis, in the order of df_leaf_beyond. outer[..][0][0] is NaN where some are beyond the field's box.
+     */
+    float (*outer)[3][4];
 };
 
+/* One bit a child, every other one. */
 static inline uint32_t df_leaf_surface_bits(uint32_t states) { return states >> 1 & ~states & 0x5555; }
 
-/* The stencil of a leaf, 8 * family + child; NULL where it is not known. */
-static inline const float *df_leaf_stencil_kept(const df_leaf_stencils *stencils, const df_field *field,
-                                                uint32_t leaf) {
-    const uint32_t bits = df_leaf_surface_bits(field->families[leaf >> 3].states), child = leaf & 7;
-    if (!stencils || !(bits >> 2 * child & 1)) return NULL;
-    const uint32_t before = df_bit_count(bits & ((1u << 2 * child) - 1));
-    const float *samples = stencils->samples[stencils->first[leaf >> 3] + before];
-    return samples[0] == samples[0] ? samples : NULL;
+/* How many of the even bits below 16 are set, where no others are. */
+static inline uint32_t df_even_bit_count(uint32_t bits) {
+    return ((bits & 0x3333) + (bits >> 2 & 0x3333)) * 0x1111 >> 12 & 15;
+}
+
+/* The number of a leaf, 8 * family + child, that the surface crosses. */
+static inline uint32_t df_leaf_stencil_number(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf) {
+    const uint32_t bits = df_leaf_surface_bits(field->families[leaf >> 3].states);
+    return stencils->first[leaf >> 3] + df_even_bit_count(bits & ((1u << 2 * (leaf & 7)) - 1));
+}
+
+/* The corners of a leaf. */
+static inline void df_leaf_corners_kept(const df_leaf_stencils *stencils, uint32_t leaf, float corner[8]) {
+    const float *first = stencils->samples[leaf >> 3] + df_family_corner(leaf & 7, 0);
+    for (uint32_t c = 0; c < 8; c++) corner[c] = first[df_family_corner(0, c)];
 }
 
 /* The cells of a scene that rays can hit as records, block by block: object-order tracers read these instead of the

@@ -13,8 +13,9 @@ void df_surface_free(df_surface *surface) {
     free(surface->corner[0]);
     free(surface->leaves);
     free(surface->block_log2);
-    free(surface->stencils.first);
     free(surface->stencils.samples);
+    free(surface->stencils.first);
+    free(surface->stencils.outer);
     memset(surface, 0, sizeof *surface);
 }
 

@@ -19,28 +19,23 @@
 /* Cells so large are visited by tasks of their own. */
 #define TASK_SIZE_LOG2 5u
 
+/* Levels of fewer families are decoded by one thread. */
+#define PARALLEL_FAMILIES 256u
+
 /* What is found out about a leaf, by 8 * family + child. */
 enum {
     MARK_OPEN = 1,  /* rays may enter inside that come from the outside */
     MARK_FIRST = 2, /* rays may enter inside that come from beyond the box */
-    MARK_EDGE = 4,  /* a neighbour is beyond the box: its stencil is not kept */
+    MARK_EDGE = 4,  /* a neighbour is beyond the box: its stencil is not known */
 };
-
-typedef float family_samples[DF_FAMILY_SAMPLE_COUNT];
 
 typedef struct builder {
     const df_scene *scene;
     const df_field *field;
-    family_samples *samples; /* by family */
     uint8_t *marks;
     df_surface *surface;
-    /* Numbers in a stencil as it is fetched: of the leaf's corners, and of the samples beyond its faces. */
-    int8_t corners[8], beyond[3][2][4];
+    df_leaf_stencils *stencils; /* the surface's */
     float margin;
-    bool filling; /* the second time, when records are written and not only counted */
-    bool open;    /* the current block has records */
-    uint32_t block_count;
-    uint64_t record_count;
 } builder;
 
 typedef struct node {
@@ -71,67 +66,62 @@ static df_child_state child_state(const builder *b, const node *n, uint32_t chil
     return divided(n) ? df_family_state(&b->field->families[n->family], child) : n->state;
 }
 
-static float leaf_corner(const builder *b, const node *n, uint32_t corner) {
-    return b->samples[n->leaf >> 3][df_family_corner(n->leaf & 7, corner)];
+static inline float leaf_corner(const builder *b, const node *n, uint32_t corner) {
+    return b->stencils->samples[n->leaf >> 3][df_family_corner(n->leaf & 7, corner)];
 }
 
-/* Decodes all families, parents first. */
-static void decode_samples(builder *b) {
-    float cell[8];
-    df_adf_cell_corners(b->field, 0, cell);
-    df_adf_samples(b->field, 0, cell, b->samples[0]);
-    for (uint32_t f = 0; f < b->field->family_count; f++) {
-        const df_family *family = &b->field->families[f];
-        for (uint32_t child = 0; child < 8; child++) {
-            if (df_family_state(family, child) != DF_CHILD_FAMILY) continue;
-            for (uint32_t c = 0; c < 8; c++) cell[c] = b->samples[f][df_family_corner(child, c)];
-            const uint32_t divided_into = df_family_child(family, child);
-            df_adf_samples(b->field, divided_into, cell, b->samples[divided_into]);
-        }
+/* ---- samples ---- */
+
+/* Decodes the families that a family's children have become. */
+static void decode_children(const builder *b, uint32_t family) {
+    const df_family *of = &b->field->families[family];
+    for (uint32_t child = 0; child < 8; child++) {
+        if (df_family_state(of, child) != DF_CHILD_FAMILY) continue;
+        const uint32_t divided_into = df_family_child(of, child);
+        float cell[8];
+        df_leaf_corners_kept(b->stencils, family << 3 | child, cell);
+        df_adf_samples(b->field, divided_into, cell, b->stencils->samples[divided_into]);
     }
 }
 
-/* ---- stencils ---- */
-
-static void number_stencil(builder *b) {
-    int8_t number[64] = {0};
-    for (int i = 0; i < DF_FETCH_STENCIL; i++) number[df_fetch_place(i)] = (int8_t)i;
-    for (int c = 0; c < 8; c++) b->corners[c] = number[DF_STENCIL(c & 1, c >> 1 & 1, c >> 2)];
-    for (int face = 0; face < 24; face++) {
-        const int axis = face >> 3, after = face >> 2 & 1, i = face & 3;
-        int at[3];
-        at[axis] = after ? 2 : -1;
-        at[(axis + 1) % 3] = i & 1;
-        at[(axis + 2) % 3] = i >> 1;
-        b->beyond[axis][after][i] = number[DF_STENCIL(at[0], at[1], at[2])];
+/* Where the level ends that follows the families first .. end - 1. */
+static uint32_t next_level_end(const df_field *field, uint32_t first, uint32_t end) {
+    for (uint32_t f = end; f-- > first;) {
+        const uint32_t divided = df_family_divided_count(&field->families[f]);
+        if (divided) return field->families[f].first_child + divided;
     }
+    return end;
 }
 
-static df_status make_stencils(builder *b, df_error *err) {
+static void decode_samples(const builder *b, uint32_t threads) {
     const df_field *field = b->field;
-    df_leaf_stencils *stencils = &b->surface->stencils;
-    uint64_t count = 0;
-    number_stencil(b);
-    df_status status =
-        df_alloc((void **)&stencils->first, field->family_count + 1ull, sizeof *stencils->first, "stencils", err);
-    for (uint32_t f = 0; f < field->family_count && status == DF_OK; f++) {
-        stencils->first[f] = (uint32_t)count;
-        count += df_bit_count(df_leaf_surface_bits(field->families[f].states));
+    float root[8];
+    df_adf_cell_corners(field, 0, root);
+    df_adf_samples(field, 0, root, b->stencils->samples[0]);
+    for (uint32_t first = 0, end = 1, next; first < end; first = end, end = next) {
+        next = next_level_end(field, first, end);
+#pragma omp parallel for schedule(static) num_threads(threads) if (end - first > PARALLEL_FAMILIES)
+        for (uint32_t f = first; f < end; f++) decode_children(b, f);
     }
-    if (status == DF_OK) {
-        stencils->first[field->family_count] = (uint32_t)count;
-        status = df_alloc_raw((void **)&stencils->samples, count + 1, sizeof *stencils->samples, "stencils", err);
-    }
-    b->surface->stencil_bytes =
-        (field->family_count + 1ull) * sizeof *stencils->first + count * sizeof *stencils->samples;
-    return status;
 }
 
-/* The stencil of a leaf that the surface crosses. */
-static float *stencil_of(const builder *b, uint32_t leaf) {
-    const df_leaf_stencils *stencils = &b->surface->stencils;
-    const uint32_t bits = df_leaf_surface_bits(b->field->families[leaf >> 3].states);
-    return stencils->samples[stencils->first[leaf >> 3] + df_bit_count(bits & ((1u << 2 * (leaf & 7)) - 1))];
+static df_status alloc_stencils(builder *b, df_error *err) {
+    const df_field *field = b->field;
+    df_leaf_stencils *stencils = b->stencils;
+    const uint64_t families = field->family_count;
+    uint64_t count = 0;
+    df_status status = df_alloc_raw((void **)&stencils->first, families, sizeof *stencils->first, "stencils", err);
+    for (uint32_t f = 0; f < families && status == DF_OK; f++) {
+        stencils->first[f] = (uint32_t)count;
+        count += df_even_bit_count(df_leaf_surface_bits(field->families[f].states));
+    }
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&stencils->outer, count + 1, sizeof *stencils->outer, "stencils", err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&stencils->samples, families, sizeof *stencils->samples, "decoded samples", err);
+    b->surface->stencil_bytes =
+        families * (sizeof *stencils->first + sizeof *stencils->samples) + count * sizeof *stencils->outer;
+    return status;
 }
 
 /* ---- faces ---- */
@@ -144,35 +134,40 @@ static float largest_corner(const builder *b, const node *n) {
     return largest;
 }
 
-/* What a leaf interpolates at the corners of the part of its face that a leaf no larger than it, `part`, shares.
- * after: the face is its upper one. */
-static void face_values(const builder *b, const node *n, const node *part, int axis, int after, float value[4]) {
+/* The corners of a leaf's face. after: it is the upper one. */
+static inline void face_corners(const builder *b, const node *n, int axis, int after, float value[4]) {
     const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-    float corner[4];
     for (uint32_t i = 0; i < 4; i++)
-        corner[i] = leaf_corner(b, n, (uint32_t)after << axis | (i & 1) << u | (i >> 1) << v);
+        value[i] = leaf_corner(b, n, (uint32_t)after << axis | (i & 1) << u | (i >> 1) << v);
+}
+
+static inline bool any_inside(const float value[4]) {
+    return value[0] < 0 || value[1] < 0 || value[2] < 0 || value[3] < 0;
+}
+
+/* From the corners of a leaf's face to what it interpolates at those of the part that a leaf no larger shares. */
+static void narrow_face(const node *n, const node *part, int axis, float value[4]) {
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    const double corner[4] = {(double)value[0], (double)value[1], (double)value[2], (double)value[3]};
+    if (n->size_log2 == part->size_log2) return;
+    const double scale = 1.0 / (1u << n->size_log2), step = 1u << part->size_log2;
     for (uint32_t i = 0; i < 4; i++) {
-        if (n->size_log2 == part->size_log2) {
-            value[i] = corner[i];
-            continue;
-        }
-        const double size = 1u << n->size_log2, step = 1u << part->size_log2;
-        const double x = (part->corner[u] - n->corner[u] + (i & 1) * step) / size;
-        const double y = (part->corner[v] - n->corner[v] + (i >> 1) * step) / size;
-        value[i] = (float)((1 - y) * ((1 - x) * (double)corner[0] + x * (double)corner[1]) +
-                           y * ((1 - x) * (double)corner[2] + x * (double)corner[3]));
+        const double x = (part->corner[u] - n->corner[u] + (i & 1) * step) * scale;
+        const double y = (part->corner[v] - n->corner[v] + (i >> 1) * step) * scale;
+        value[i] = (float)((1 - y) * ((1 - x) * corner[0] + x * corner[1]) + y * ((1 - x) * corner[2] + x * corner[3]));
     }
 }
 
 /* Faces of a leaf are visited by several threads. */
-static void set_marks(builder *b, uint32_t leaf, uint8_t marks) {
+static void set_marks(const builder *b, uint32_t leaf, uint8_t marks) {
 #pragma omp atomic
     b->marks[leaf] |= marks;
 }
 
 /* A ray leaves `from` and enters `to` across a face on which they have these values: may it enter inside, though it
  * came from the outside? What is too near to 0 for a verdict may be either. */
-static void mark_entry(builder *b, const node *from, const float before[4], const node *to, const float after[4]) {
+static void mark_entry(const builder *b, const node *from, const float before[4], const node *to,
+                       const float after[4]) {
     float low = INFINITY, high = -INFINITY, differ = 0;
     if (to->state == DF_CHILD_OUTSIDE || to->state == BEYOND || from->state == DF_CHILD_INSIDE) return;
     for (int i = 0; i < 4; i++) low = after[i] < low ? after[i] : low;
@@ -206,35 +201,33 @@ static bool fits(const builder *b, const node *low, const node *high, int axis) 
     return true;
 }
 
-/* Of a leaf and the cell across one of its faces that is no smaller: the samples beyond the face. */
-static void keep_beyond(builder *b, const node *n, const node *cell, int axis, int after) {
-    const uint32_t u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3;
+/* The samples of a leaf beyond a face across which a larger leaf is. The axis is a constant. */
+static inline void read_larger(const builder *b, const node *n, const node *cell, int axis, int after, float value[4]) {
+    const int64_t size = (int64_t)1 << n->size_log2;
+    int64_t lower[3] = {n->corner[0], n->corner[1], n->corner[2]};
+    float corners[8];
+    lower[axis] += after ? size : -size;
+    df_leaf_corners_kept(b->stencils, cell->leaf, corners);
+    df_leaf_beyond(lower, n->size_log2, axis, after, cell->corner, 1u << cell->size_log2, corners, value);
+}
+
+/* Of a leaf and a cell across one of its faces: keeps the samples beyond it. after: it is the upper one. */
+static void keep_beyond(const builder *b, const node *n, const node *cell, int axis, int after) {
     if (n->state != DF_CHILD_SURFACE) return;
     if (cell->state == BEYOND) {
         set_marks(b, n->leaf, MARK_EDGE);
         return;
     }
-    if (cell->size_log2 < n->size_log2) return;
-    float *samples = stencil_of(b, n->leaf);
-    const int8_t *number = b->beyond[axis][after];
-    if (cell->size_log2 == n->size_log2) {
-        for (uint32_t i = 0; i < 4; i++) {
-            const uint32_t corner = (uint32_t)after << axis | (i & 1 ? u : 0) | (i & 2 ? v : 0);
-            samples[number[i]] = leaf_corner(b, cell, corner);
-        }
-        return;
-    }
-    const int64_t size = (int64_t)1 << n->size_log2;
-    int64_t lower[3] = {n->corner[0], n->corner[1], n->corner[2]};
-    float corners[8], value[4];
-    for (uint32_t c = 0; c < 8; c++) corners[c] = leaf_corner(b, cell, c);
-    lower[axis] += after ? size : -size;
-    df_leaf_beyond(lower, n->size_log2, axis, after, cell->corner, 1u << cell->size_log2, corners, value);
-    for (int i = 0; i < 4; i++) samples[number[i]] = value[i];
+    if (cell->size_log2 < n->size_log2 || cell->leaf >> 3 == n->leaf >> 3) return;
+    float *value = b->stencils->outer[df_leaf_stencil_number(b->stencils, b->field, n->leaf)][axis];
+    if (cell->size_log2 == n->size_log2) face_corners(b, cell, axis, after, value);
+    else if (axis == 0) read_larger(b, n, cell, 0, after, value);
+    else if (axis == 1) read_larger(b, n, cell, 1, after, value);
+    else read_larger(b, n, cell, 2, after, value);
 }
 
 /* Two cells that share a part of a face, `low` before it along the axis. */
-static void visit_face(builder *b, const node *low, const node *high, int axis) {
+static void visit_face(const builder *b, const node *low, const node *high, int axis) {
     const uint32_t u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3;
     keep_beyond(b, low, high, axis, 1);
     keep_beyond(b, high, low, axis, 0);
@@ -243,8 +236,13 @@ static void visit_face(builder *b, const node *low, const node *high, int axis) 
         const node *part = low->size_log2 < high->size_log2 ? low : high;
         if (low->state == high->state && low->state != DF_CHILD_SURFACE) return;
         if (fits(b, low, high, axis)) return;
-        if (low->state != BEYOND) face_values(b, low, high->state == BEYOND ? low : part, axis, 1, before);
-        if (high->state != BEYOND) face_values(b, high, low->state == BEYOND ? high : part, axis, 0, after);
+        if (low->state != BEYOND) face_corners(b, low, axis, 1, before);
+        if (high->state != BEYOND) face_corners(b, high, axis, 0, after);
+        if (!any_inside(before) && !any_inside(after)) return; /* nor between the corners */
+        if (low->state != BEYOND && high->state != BEYOND) {
+            narrow_face(low, part, axis, before);
+            narrow_face(high, part, axis, after);
+        }
         mark_entry(b, low, before, high, after);
         mark_entry(b, high, after, low, before);
         return;
@@ -260,7 +258,7 @@ static void visit_face(builder *b, const node *low, const node *high, int axis) 
 }
 
 /* All faces between leaves in a cell. Large cells are tasks. */
-static void visit_faces(builder *b, const node *n) {
+static void visit_faces(const builder *b, const node *n) {
     node children[8];
     if (!divided(n)) return;
     for (uint32_t c = 0; c < 8; c++) {
@@ -281,7 +279,7 @@ static void visit_faces(builder *b, const node *n) {
     }
 }
 
-static void mark_leaves(builder *b, uint32_t threads) {
+static void mark_leaves(const builder *b, uint32_t threads) {
     const node root = root_of(b), beyond = {.state = BEYOND};
 #pragma omp parallel num_threads(threads)
 #pragma omp single
@@ -294,33 +292,50 @@ static void mark_leaves(builder *b, uint32_t threads) {
 
 /* ---- records ---- */
 
-static void begin_block(builder *b, const uint32_t corner[3], uint32_t size_log2) {
-    const uint32_t block = b->block_count++;
-    if (!b->filling) return;
-    b->surface->first[block] = (uint32_t)b->record_count;
-    b->surface->block_log2[block] = (uint8_t)size_log2;
-    for (int a = 0; a < 3; a++) b->surface->corner[a][block] = corner[a];
+/* Parts of the octree, in its order, whose records are made side by side. */
+enum { PART_LEVELS = 3, PART_COUNT_MAX = 1 << 3 * PART_LEVELS };
+
+typedef struct part {
+    const builder *b;
+    node cell;
+    bool filling; /* the second time, when records are written and not only counted */
+    bool open;    /* the current block has records */
+    bool has_border;
+    uint32_t block; /* the next one */
+    uint64_t record;
+} part;
+
+typedef struct parts {
+    uint32_t count;
+    part of[PART_COUNT_MAX];
+} parts;
+
+static void begin_block(part *p, const uint32_t corner[3], uint32_t size_log2) {
+    const df_surface *surface = p->b->surface;
+    const uint32_t block = p->block++;
+    if (!p->filling) return;
+    surface->first[block] = (uint32_t)p->record;
+    surface->block_log2[block] = (uint8_t)size_log2;
+    for (int a = 0; a < 3; a++) surface->corner[a][block] = corner[a];
 }
 
-static void fill_record(builder *b, const node *n, const uint32_t low[3]) {
-    df_surface *surface = b->surface;
+static void fill_record(part *p, const node *n, const uint32_t low[3]) {
+    const builder *b = p->b;
+    const df_surface *surface = b->surface;
     const uint8_t mark = b->marks[n->leaf];
-    float *corner = (float *)surface->corners + 8 * b->record_count;
+    float *corner = (float *)surface->corners + 8 * p->record;
     uint32_t voxel = n->size_log2 << DF_SURFACE_SIZE;
-    for (uint32_t c = 0; c < 8; c++) corner[c] = leaf_corner(b, n, c);
-    if (n->state == DF_CHILD_SURFACE) {
-        float *samples = stencil_of(b, n->leaf);
-        for (int c = 0; c < 8; c++) samples[b->corners[c]] = corner[c];
-        if (mark & MARK_EDGE) samples[0] = NAN;
-    }
+    df_leaf_corners_kept(b->stencils, n->leaf, corner);
+    if (n->state == DF_CHILD_SURFACE && mark & MARK_EDGE)
+        b->stencils->outer[df_leaf_stencil_number(b->stencils, b->field, n->leaf)][0][0] = NAN;
     voxel |= mark & MARK_OPEN ? DF_SURFACE_WHOLE : df_surface_box(corner, b->margin / (float)(1u << n->size_log2));
     for (uint32_t a = 0; a < 3; a++) voxel |= (n->corner[a] - low[a]) << 3 * a;
     if (mark & MARK_FIRST) {
         voxel |= DF_SURFACE_BORDER;
-        surface->has_border = true;
+        p->has_border = true;
     }
-    surface->voxels[b->record_count] = voxel;
-    surface->leaves[b->record_count] = n->leaf;
+    surface->voxels[p->record] = voxel;
+    surface->leaves[p->record] = n->leaf;
 }
 
 /* False for leaves that have no record. */
@@ -330,61 +345,106 @@ static bool may_hit(const builder *b, uint32_t family, uint32_t child) {
 }
 
 /* The records of a cell. block: the cube that it is a part of; NULL: it is larger. */
-static void visit_leaves(builder *b, const node *n, const node *block) {
+static void visit_leaves(part *p, const node *n, const node *block) {
     if (!block && (n->size_log2 <= 3 || !divided(n))) {
         block = n;
-        b->open = false;
+        p->open = false;
     }
     if (divided(n)) {
         for (uint32_t c = 0; c < 8; c++) {
-            if (!may_hit(b, n->family, c)) continue;
-            const node child = child_of(b, n, c);
-            visit_leaves(b, &child, block);
+            if (!may_hit(p->b, n->family, c)) continue;
+            const node child = child_of(p->b, n, c);
+            visit_leaves(p, &child, block);
         }
         return;
     }
     if (n->state == BEYOND) return;
-    if (!b->open) begin_block(b, block->corner, block->size_log2);
-    b->open = true;
-    if (b->filling) fill_record(b, n, block->corner);
-    b->record_count++;
+    if (!p->open) begin_block(p, block->corner, block->size_log2);
+    p->open = true;
+    if (p->filling) fill_record(p, n, block->corner);
+    p->record++;
 }
 
-static df_status make_records(builder *b, df_error *err) {
+/* Divides a cell so far that its parts are many, but no smaller than blocks. */
+static void collect_parts(parts *all, const builder *b, const node *n, uint32_t levels) {
+    if (levels == 0 || n->size_log2 <= 3 || !divided(n)) {
+        all->of[all->count++] = (part){.b = b, .cell = *n};
+        return;
+    }
+    for (uint32_t c = 0; c < 8; c++) {
+        if (!may_hit(b, n->family, c)) continue;
+        const node child = child_of(b, n, c);
+        collect_parts(all, b, &child, levels - 1);
+    }
+}
+
+static void visit_parts(parts *all, uint32_t threads) {
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (uint32_t i = 0; i < all->count; i++) {
+        part *p = &all->of[i];
+        visit_leaves(p, &p->cell, NULL);
+    }
+}
+
+/* From what was counted in each part to where it begins; the sums are the surface's. */
+static uint64_t place_parts(parts *all, df_surface *surface) {
+    uint64_t records = 0;
+    uint32_t blocks = 0;
+    for (uint32_t i = 0; i < all->count; i++) {
+        part *p = &all->of[i];
+        const uint32_t own_blocks = p->block;
+        const uint64_t own_records = p->record;
+        p->block = blocks;
+        p->record = records;
+        p->filling = true;
+        blocks += own_blocks;
+        records += own_records;
+    }
+    surface->block_count = blocks;
+    return records;
+}
+
+static df_status make_records(const builder *b, uint32_t threads, df_error *err) {
     const node root = root_of(b);
     df_surface *surface = b->surface;
-    visit_leaves(b, &root, NULL);
-    surface->block_count = b->block_count;
-    df_status status = df_surface_alloc_blocks(surface, err);
-    if (status == DF_OK)
-        status = df_alloc((void **)&surface->block_log2, b->block_count, sizeof *surface->block_log2, "blocks", err);
-    if (status == DF_OK) status = df_surface_alloc_records(surface, b->record_count, err);
-    if (status == DF_OK)
-        status = df_alloc((void **)&surface->leaves, b->record_count, sizeof *surface->leaves, "surface records", err);
+    parts *all;
+    df_status status = df_alloc((void **)&all, 1, sizeof *all, "octree", err);
     if (status != DF_OK) return status;
-    surface->first[b->block_count] = (uint32_t)b->record_count;
-    b->block_count = 0;
-    b->record_count = 0;
-    b->filling = true;
-    visit_leaves(b, &root, NULL);
-    return DF_OK;
+    collect_parts(all, b, &root, PART_LEVELS);
+    visit_parts(all, threads);
+    const uint64_t records = place_parts(all, surface);
+    status = df_surface_alloc_blocks(surface, err);
+    if (status == DF_OK)
+        status =
+            df_alloc((void **)&surface->block_log2, surface->block_count, sizeof *surface->block_log2, "blocks", err);
+    if (status == DF_OK) status = df_surface_alloc_records(surface, records, err);
+    if (status == DF_OK)
+        status = df_alloc_raw((void **)&surface->leaves, records, sizeof *surface->leaves, "surface records", err);
+    if (status == DF_OK) {
+        surface->first[surface->block_count] = (uint32_t)records;
+        visit_parts(all, threads);
+        for (uint32_t i = 0; i < all->count; i++) surface->has_border = surface->has_border || all->of[i].has_border;
+    }
+    free(all);
+    return status;
 }
 
 df_status df_surface_make_octree(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err) {
     const df_field *field = scene->field;
-    builder b = {.scene = scene, .field = field, .surface = surface, .margin = df_surface_margin(scene)};
+    builder b = {.scene = scene,
+                 .field = field,
+                 .surface = surface,
+                 .stencils = &surface->stencils,
+                 .margin = df_surface_margin(scene)};
     surface->k_shift = 3;
     surface->sample_type = DF_SAMPLE_F32;
-    df_status status =
-        df_alloc_raw((void **)&b.samples, field->family_count, sizeof *b.samples, "decoded samples", err);
-    if (status == DF_OK) status = df_alloc((void **)&b.marks, field->family_count, 8, "leaves", err);
-    if (status == DF_OK) status = make_stencils(&b, err);
+    df_status status = df_alloc((void **)&b.marks, field->family_count, 8, "leaves", err);
+    if (status == DF_OK) status = alloc_stencils(&b, err);
     if (status == DF_OK) {
-        decode_samples(&b);
+        decode_samples(&b, threads);
         mark_leaves(&b, threads);
-        status = make_records(&b, err);
+        status = make_records(&b, threads, err);
     }
-    free(b.samples);
     free(b.marks);
     return status;
 }

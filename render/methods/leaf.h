@@ -29,17 +29,38 @@ static inline void df_leaf_beyond(const int64_t lower[3], uint32_t size_log2, in
                                   const uint32_t cell_corner[3], uint32_t cell_side, const float corners[8],
                                   float value[4]) {
     const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    if (cell_side == 1u << size_log2) {
+        for (int i = 0; i < 4; i++) value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
+        return;
+    }
+    /* df_octree_interpolate at the 4 places, what they share once: places 0 and 1 along each axis, of which there is
+     * one across the face. */
+    const double scale = 1.0 / cell_side; /* exact */
     const int64_t size = (int64_t)1 << size_log2;
-    double within[3];
-    for (int i = 0; i < 4; i++) {
-        if (cell_side == 1u << size_log2) {
-            value[i] = corners[(i & 1) << u | (i >> 1) << v | after << axis];
-            continue;
+    double at[3][2], x[2][4], y[2][2][2];
+    int count[3] = {2, 2, 2};
+    count[axis] = 1;
+    for (int a = 0; a < 3; a++) {
+        const int64_t low = lower[a] - cell_corner[a];
+        at[a][0] = (double)(low + (a == axis && after ? size : 0)) * scale;
+        at[a][1] = (double)(low + size) * scale;
+    }
+    for (int i = 0; i < count[0]; i++) {
+        const double t = at[0][i];
+        for (int r = 0; r < 4; r++) x[i][r] = (1 - t) * (double)corners[2 * r] + t * (double)corners[2 * r + 1];
+    }
+    for (int i = 0; i < count[0]; i++) {
+        for (int j = 0; j < count[1]; j++) {
+            const double t = at[1][j];
+            for (int k = 0; k < 2; k++) y[i][j][k] = (1 - t) * x[i][2 * k] + t * x[i][2 * k + 1];
         }
-        within[axis] = (double)(lower[axis] + (after ? size : 0) - cell_corner[axis]) / cell_side;
-        within[u] = (double)(lower[u] + (i & 1) * size - cell_corner[u]) / cell_side;
-        within[v] = (double)(lower[v] + (i >> 1) * size - cell_corner[v]) / cell_side;
-        value[i] = (float)df_octree_interpolate(corners, within);
+    }
+    for (int i = 0; i < 4; i++) {
+        int place[3] = {0, 0, 0};
+        place[u] = i & 1;
+        place[v] = i >> 1;
+        const double t = at[2][place[2]], *pair = y[place[0]][place[1]];
+        value[i] = (float)((1 - t) * pair[0] + t * pair[1]);
     }
 }
 
