@@ -61,6 +61,19 @@ static df_status make_background(df_renderer *renderer, df_error *err) {
     return DF_OK;
 }
 
+static df_trace_options trace_options(const df_renderer *renderer) {
+    const df_frame_options *options = &renderer->options;
+    return (df_trace_options){.kernels = options->kernels,
+                              .solve = options->solve,
+                              .steps = options->steps,
+                              .precision = options->precision,
+                              .filter = options->filter,
+                              .threads = options->threads,
+                              .tile_width = renderer->tile_width,
+                              .tile_height = renderer->tile_height,
+                              .walk = options->walk};
+}
+
 df_status df_renderer_open(const df_scene *scene, const df_frame_options *options, uint32_t width, uint32_t height,
                            df_renderer **out, df_error *err) {
     df_renderer *renderer;
@@ -86,15 +99,7 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
         free(renderer);
         return status;
     }
-    const df_trace_options trace = {.kernels = renderer->options.kernels,
-                                    .solve = options->solve,
-                                    .steps = options->steps,
-                                    .precision = options->precision,
-                                    .filter = options->filter,
-                                    .threads = options->threads,
-                                    .tile_width = renderer->tile_width,
-                                    .tile_height = renderer->tile_height,
-                                    .walk = options->walk};
+    const df_trace_options trace = trace_options(renderer);
     const double start = df_now_ms();
     status = options->tracer->prepare(scene, &trace, &renderer->tracer_state, err);
     renderer->prepare_ms = df_now_ms() - start;
@@ -110,6 +115,26 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
     if (status != DF_OK) df_renderer_close(renderer);
     else *out = renderer;
     return status;
+}
+
+df_status df_renderer_set_method(df_renderer *renderer, const df_frame_options *options, df_error *err) {
+    df_frame_options *own = &renderer->options;
+    assert(options->tracer == own->tracer);
+    const bool same =
+        options->solve == own->solve && options->steps == own->steps && options->precision == own->precision;
+    own->solve = options->solve;
+    own->steps = options->steps;
+    own->precision = options->precision;
+    own->gradient = options->gradient;
+    if (same) return DF_OK;
+    const df_trace_options trace = trace_options(renderer);
+    if (own->tracer->set_method) {
+        own->tracer->set_method(renderer->tracer_state, &trace);
+        return DF_OK;
+    }
+    own->tracer->release(renderer->tracer_state);
+    renderer->tracer_state = NULL;
+    return own->tracer->prepare(renderer->scene, &trace, &renderer->tracer_state, err);
 }
 
 void df_renderer_precomputation(const df_renderer *renderer, double *ms, double *extract_ms, uint64_t *bytes) {

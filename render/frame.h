@@ -50,6 +50,10 @@ df_status df_renderer_open(const df_scene *scene, const df_frame_options *option
                            df_renderer **out, df_error *err);
 void df_renderer_close(df_renderer *renderer);
 
+/* Another solve, steps, precision and gradient for the pictures that follow, taken from options, which must be the
+ * renderer's in all else. What does not depend on them is not prepared again. */
+df_status df_renderer_set_method(df_renderer *renderer, const df_frame_options *options, df_error *err);
+
 /* What preparing the tracer took: once per field and options. */
 void df_renderer_precomputation(const df_renderer *renderer, double *ms, double *extract_ms, uint64_t *bytes);
 

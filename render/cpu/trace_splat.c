@@ -103,6 +103,16 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
     return status;
 }
 
+static void splat_set_method(void *opaque, const df_trace_options *options) {
+    splat_state *state = opaque;
+    df_trace_options *held[] = {&state->options, state->walk ? &state->walk->options : &state->options};
+    for (int i = 0; i < 2; i++) {
+        held[i]->solve = options->solve;
+        held[i]->steps = options->steps;
+        held[i]->precision = options->precision;
+    }
+}
+
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
     return df_surface_bytes(&state->surface) +
@@ -347,6 +357,7 @@ const df_tracer df_tracer_splat = {
     .summary = "object order: surface voxels and leaves are projected to their pixels; for pictures",
     .prepare = splat_prepare,
     .release = splat_release,
+    .set_method = splat_set_method,
     .bytes = splat_bytes,
     .suits = splat_suits,
     .begin_frame = splat_begin_frame,

@@ -5,7 +5,6 @@
 #include "common/status.h"
 
 df_status lab_command_measure(int argc, char **argv, df_error *err);
-df_status lab_command_choices(int argc, char **argv, df_error *err);
 df_status lab_command_count(int argc, char **argv, df_error *err);
 df_status lab_command_escape(int argc, char **argv, df_error *err);
 df_status lab_command_field(int argc, char **argv, df_error *err);

@@ -1,15 +1,13 @@
 /*
  * df-lab: measures every method of the renderer against the truth. Built with the tests; not installed.
  *
- *   df-lab measure FILE.csv [--quick] [--uncounted] [FIELD...]
- *       measures what is not yet in FILE.csv; FIELD: a shape's name, a .dfield file, or FIELD.dfield:MESH.obj with the
- *       mesh that it was made from; --uncounted: counts no instructions
+ *   df-lab measure FILE.csv [--quick] [--uncounted] [FIELD...] [--choices FIELD...]
+ *       measures what is not yet in FILE.csv; FIELD: a shape's name, "shapes" for all (the default), a .dfield file, or
+ *       FIELD.dfield:MESH.obj with the mesh that it was made from; --uncounted: counts no instructions; of fields after
+ *       --choices only what --quality auto chooses and might have chosen, and shapes are made at 45 voxels
  *
- *   df-lab choices FILE.csv [--quick] [--uncounted] FIELD...
- *       measures only what --quality auto chooses and might have chosen; shapes are made at 45 voxels
- *
- *   df-lab count FIELD SIZE --quick|--full [--choices]
- *       draws once what measure (or choices) times: it starts this under callgrind to count instructions
+ *   df-lab count --quick|--full (FIELD SIZE all|choices)...
+ *       draws once what measure times: it starts this under callgrind to count instructions
  *   df-lab escape [RAYS [TRACER [STRUCTURE]]]
  *       rays from inside closed fields of each structure, with every tracer (or TRACER on STRUCTURE): none may escape;
  *       those without a hit are printed, tangents apart
@@ -34,14 +32,14 @@ int main(int argc, char **argv) {
         const char *name, *usage;
         int least;
         df_status (*run)(int argc, char **argv, df_error *err);
-    } commands[] = {{"measure", "FILE.csv [--quick] [--uncounted] [FIELD...]", 1, lab_command_measure},
-                    {"choices", "FILE.csv [--quick] [--uncounted] FIELD...", 2, lab_command_choices},
-                    {"count", "FIELD SIZE --quick|--full [--choices]", 3, lab_command_count},
-                    {"escape", "[RAYS [TRACER [STRUCTURE]]]", 0, lab_command_escape},
-                    {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
-                    {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, lab_command_field},
-                    {"maps", "SHAPE SIZE NAME [PARAMETER]", 3, lab_command_maps},
-                    {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, lab_command_depth}};
+    } commands[] = {
+        {"measure", "FILE.csv [--quick] [--uncounted] [FIELD...] [--choices FIELD...]", 1, lab_command_measure},
+        {"count", "--quick|--full (FIELD SIZE all|choices)...", 4, lab_command_count},
+        {"escape", "[RAYS [TRACER [STRUCTURE]]]", 0, lab_command_escape},
+        {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
+        {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, lab_command_field},
+        {"maps", "SHAPE SIZE NAME [PARAMETER]", 3, lab_command_maps},
+        {"depth", "FIELD.dfield MESH.obj WIDTH HEIGHT FILE.pfm", 5, lab_command_depth}};
     const int command_count = sizeof commands / sizeof commands[0];
     df_output_watch_standard("df-lab");
     df_error err = {0};

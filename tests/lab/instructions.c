@@ -20,7 +20,6 @@
 #define CALLGRIND_DUMP_STATS_AT(label) ((void)(label))
 #endif
 
-#define ARGUMENTS_MAX 16
 #define NO_VALGRIND 127 /* what the child exits with */
 
 int lab_counter_open(void) {
@@ -95,10 +94,11 @@ static df_status empty_folder(lab_count_run *run, lab_counts *counts, df_error *
 /* In the child. One thread: more would wait for each other for so many instructions. */
 static void become_callgrind(const char *program, const char *folder, const char *const *arguments) {
     char out[600];
-    const char *command[ARGUMENTS_MAX + 8] = {"valgrind", "-q", "--tool=callgrind", "--instr-atstart=no", out, program};
+    const char *command[LAB_COUNT_ARGUMENTS_MAX + 8] = {"valgrind",           "-q", "--tool=callgrind",
+                                                        "--instr-atstart=no", out,  program};
     int count = 6;
     snprintf(out, sizeof out, "--callgrind-out-file=%s/counts", folder);
-    for (int i = 0; arguments[i] && i < ARGUMENTS_MAX; i++) command[count++] = arguments[i];
+    for (int i = 0; arguments[i]; i++) command[count++] = arguments[i];
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     setenv("OMP_NUM_THREADS", "1", 1);
     execvp(command[0], (char *const *)(uintptr_t)command);

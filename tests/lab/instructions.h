@@ -34,14 +34,16 @@ void lab_counting_off(void);
 void lab_count_begin(void);
 void lab_count_end(const char *label);
 
+#define LAB_COUNT_ARGUMENTS_MAX 128
+
 /* A child that counts; zero: none. */
 typedef struct lab_count_run {
     int child; /* its process */
     char folder[512];
 } lab_count_run;
 
-/* Starts this program with these arguments (ended by NULL, without the program's name) under callgrind. folder: made
- * for its files and removed with them; what is left of a run that was cut off is cleared. */
+/* Starts this program with these arguments (at most so many, ended by NULL, without the program's name) under
+ * callgrind. folder: made for its files and removed with them; what is left of a run that was cut off is cleared. */
 df_status lab_count_start(const char *const *arguments, const char *folder, lab_count_run *run, df_error *err);
 /* Waits for it and adds its counts; where there was none, does nothing. No valgrind is no error: nothing is added. */
 df_status lab_count_finish(lab_count_run *run, lab_counts *counts, df_error *err);

@@ -61,12 +61,19 @@ df_status lab_session_open(lab_session *session, const char *path, int argc, cha
 }
 
 void lab_session_close(lab_session *session) {
-    lab_count_abandon(&session->counting);
+    for (int i = 0; i < LAB_COUNTING_CHILDREN; i++) lab_count_abandon(&session->counting[i]);
     if (session->asked && !session->counted)
         fprintf(stderr, "df-lab: no instructions were counted: no counter of the processor and no valgrind\n");
     lab_table_close(&session->table);
     lab_counts_free(&session->counts);
     if (session->counter >= 0) close(session->counter);
+}
+
+df_status lab_session_finish_counting(lab_session *session) {
+    df_status status = DF_OK;
+    for (int i = 0; i < LAB_COUNTING_CHILDREN && status == DF_OK; i++)
+        status = lab_count_finish(&session->counting[i], &session->counts, session->err);
+    return status;
 }
 
 void lab_row_key(const lab_subject *s, const lab_row *r, char *key, size_t size) {

@@ -22,6 +22,7 @@ extern const lab_method lab_methods[LAB_METHOD_COUNT];
  * child under callgrind; to write their rows. */
 typedef enum lab_stage { LAB_MEASURING, LAB_PLANNING, LAB_COUNTING } lab_stage;
 
+#define LAB_COUNTING_CHILDREN 2
 typedef struct lab_session {
     const char *path; /* of the table */
     lab_table table;
@@ -29,12 +30,12 @@ typedef struct lab_session {
     const df_kernels *kernels;
     char machine[128];
     lab_stage stage;
-    bool missing;           /* set by LAB_PLANNING: a frame is not in the table */
-    int counter;            /* the processor's own of instructions; negative: none */
-    bool uncounted;         /* nothing is to be counted */
-    bool asked, counted;    /* a child was started; some frame's instructions are known */
-    lab_count_run counting; /* the child for the subject under measurement */
-    lab_counts counts;      /* and what it counted; of the child itself: what it has drawn */
+    bool missing;                                  /* set by LAB_PLANNING: a frame is not in the table */
+    int counter;                                   /* the processor's own of instructions; negative: none */
+    bool uncounted;                                /* nothing is to be counted */
+    bool asked, counted;                           /* a child was started; some frame's instructions are known */
+    lab_count_run counting[LAB_COUNTING_CHILDREN]; /* the children, while they run */
+    lab_counts counts;                             /* and what they counted; of a child itself: what it has drawn */
     df_error *err;
 } lab_session;
 
@@ -57,6 +58,9 @@ typedef struct lab_row {
     double contender_ratio;      /* contender.h; 0: there is none */
     char contender[64];
 } lab_row;
+
+/* Waits for the children. */
+df_status lab_session_finish_counting(lab_session *session);
 
 /* What a row is known by: kind to rays, at most LAB_KEY_SIZE bytes. */
 void lab_row_key(const lab_subject *s, const lab_row *r, char *key, size_t size);

@@ -16,8 +16,15 @@ void lab_camera(const df_field *field, double distance, df_camera *camera) {
     camera->fov_y = 1;
 }
 
-static df_status open_timing(const lab_subject *s, const df_view *view, lab_timing *t, df_error *err) {
+/* The timings that are open are all[0] .. all[at - 1]. */
+static df_status open_timing(const lab_subject *s, const df_view *view, lab_timing *all, int at, df_error *err) {
+    lab_timing *t = &all[at];
     df_devices_options options = {0};
+    for (int i = 0; i < at && !t->on_device && !t->renderer; i++) {
+        if (all[i].options.tracer == t->options.tracer) t->renderer = all[i].renderer;
+    }
+    if (t->renderer) return DF_OK;
+    t->owner = true;
     if (!t->on_device) return df_renderer_open(&s->scene, &t->options, view->width, view->height, &t->renderer, err);
     df_status status = df_devices_parse("opencl", &options.choice, err);
     if (status != DF_OK) return status;
@@ -36,34 +43,42 @@ static void describe_timing(lab_timing *t) {
 }
 
 static void close_timing(lab_timing *t) {
-    df_renderer_close(t->renderer);
+    if (t->owner) df_renderer_close(t->renderer);
     df_devices_close(t->devices);
+}
+
+df_status lab_draw_frame(const lab_timing *t, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                         df_error *err) {
+    df_status status = df_renderer_set_method(t->renderer, &t->options, err);
+    return status == DF_OK ? df_renderer_frame(t->renderer, view, picture, stats, err) : status;
 }
 
 static df_status draw_timing(lab_timing *t, const df_view *view, const df_picture *picture, df_error *err) {
     memset(&t->stats, 0, sizeof t->stats);
     if (t->on_device) return df_devices_frame(t->devices, view, picture, &t->stats, err);
-    return df_renderer_frame(t->renderer, view, picture, &t->stats, err);
+    return lab_draw_frame(t, view, picture, &t->stats, err);
 }
 
 /* What the instructions of a frame are known by: the same for all rows of the same frame. */
-static void count_label(const lab_timing *t, double distance, char *label, size_t size) {
+static void count_label(const lab_subject *s, const lab_timing *t, double distance, char *label, size_t size) {
     const int steps = t->options.steps ? t->options.steps : df_solve_steps(t->options.solve);
-    snprintf(label, size, "%s %s %d %s %s from %g", t->options.tracer->name, df_solve_names[t->options.solve], steps,
-             df_precision_names[t->options.precision], df_gradient_names[t->options.gradient], distance);
+    snprintf(label, size, "%s %u: %s %s %d %s %s from %g", s->name, lab_subject_size(s), t->options.tracer->name,
+             df_solve_names[t->options.solve], steps, df_precision_names[t->options.precision],
+             df_gradient_names[t->options.gradient], distance);
 }
 
 /* The child: draws once what was not drawn yet. Only the frames themselves are counted, and run at callgrind's pace. */
-static df_status count_all(lab_session *session, const df_view *view, const df_picture *picture, double distance,
-                           lab_timing *timings, int count) {
+static df_status count_all(lab_session *session, const lab_subject *s, const df_view *view, const df_picture *picture,
+                           double distance, lab_timing *timings, int count) {
     df_status status = DF_OK;
     lab_counting_on();
     for (int i = 0; i < count && status == DF_OK; i++) {
         char label[LAB_KEY_SIZE];
-        count_label(&timings[i], distance, label, sizeof label);
+        count_label(s, &timings[i], distance, label, sizeof label);
         if (lab_counts_find(&session->counts, label)) continue;
+        status = df_renderer_set_method(timings[i].renderer, &timings[i].options, session->err);
         lab_count_begin();
-        status = df_renderer_frame(timings[i].renderer, view, picture, NULL, session->err);
+        if (status == DF_OK) status = df_renderer_frame(timings[i].renderer, view, picture, NULL, session->err);
         lab_count_end(label);
         if (status == DF_OK) status = lab_counts_add(&session->counts, label, 1, session->err);
     }
@@ -98,7 +113,7 @@ static df_status write_timing(lab_session *session, const lab_subject *s, lab_ti
     r->rays = (uint64_t)rays;
     r->isa = t->on_device ? t->device : t->options.kernels->isa;
     if (lab_row_have(session, s, r)) return DF_OK;
-    count_label(t, distance, label, sizeof label);
+    count_label(s, t, distance, label, sizeof label);
     if (t->on_device) t->instructions = 0;
     else if (session->counter < 0) t->instructions = lab_counts_find(&session->counts, label);
     r->instructions_per_ray = (double)t->instructions / rays;
@@ -135,10 +150,10 @@ static df_status draw_all(lab_session *session, const lab_subject *s, const df_v
                           const df_picture *picture, lab_timing *timings, int count) {
     df_status status = DF_OK;
     for (int i = 0; i < count && status == DF_OK; i++) {
-        status = open_timing(s, view, &timings[i], session->err);
+        status = open_timing(s, view, timings, i, session->err);
     }
     if (status == DF_OK && session->stage == LAB_COUNTING)
-        status = count_all(session, view, picture, distance, timings, count);
+        status = count_all(session, s, view, picture, distance, timings, count);
     else if (status == DF_OK) status = measure_frames(session, s, view, distance, picture, timings, count);
     for (int i = 0; i < count; i++) close_timing(&timings[i]);
     return status;
@@ -157,7 +172,7 @@ df_status lab_time_all(lab_session *session, const lab_subject *s, double distan
     df_status status = rgb ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for a picture");
     lab_camera(&s->field, distance, &camera);
     if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, session->err);
-    if (status == DF_OK) status = lab_count_finish(&session->counting, &session->counts, session->err);
+    if (status == DF_OK) status = lab_session_finish_counting(session);
     if (status == DF_OK) status = draw_all(session, s, &view, distance, &picture, timings, count);
     free(rgb);
     return status;

@@ -12,11 +12,12 @@
 /* A way to draw, and the row that it becomes. */
 typedef struct lab_timing {
     df_frame_options options;
-    bool on_device; /* the first OpenCL device draws it, by its own walk, and not the CPU */
-    bool contested; /* the first of all, which have scores: find its contender among the others */
-    df_renderer *renderer;
-    df_devices *devices; /* on_device */
-    char device[160];    /* and its name */
+    bool on_device;        /* the first OpenCL device draws it, by its own walk, and not the CPU */
+    bool contested;        /* the first of all, which have scores: find its contender among the others */
+    df_renderer *renderer; /* one of all timings that differ in method only */
+    bool owner;            /* the first of them, which closes it */
+    df_devices *devices;   /* on_device */
+    char device[160];      /* and its name */
     double ms[16];
     df_frame_stats stats;
     uint64_t instructions; /* of the last frame; 0: not counted */
@@ -29,6 +30,10 @@ lab_timing lab_timing_make(const lab_session *session, const char *kind, const d
 /* The camera of all pictures: an eye so many longest sides away. */
 void lab_camera(const df_field *field, double distance, df_camera *camera);
 #define LAB_CHART_DISTANCE 1.6
+
+/* Draws a frame on the CPU by the timing's method. */
+df_status lab_draw_frame(const lab_timing *t, const df_view *view, const df_picture *picture, df_frame_stats *stats,
+                         df_error *err);
 
 int lab_compare_doubles(const void *a, const void *b);
 
