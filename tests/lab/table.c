@@ -1,6 +1,7 @@
 #include "table.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -55,14 +56,32 @@ static df_status read_rows(lab_table *table, const char *path, const char *versi
     return status;
 }
 
+/* A lock that the system takes back when its process ends, however that ends. */
+static df_status lock_table(FILE *file, const char *path, df_error *err) {
+    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+    char name_path[64], name[32] = "";
+    if (fcntl(fileno(file), F_SETLK, &lock) == 0) return DF_OK;
+    if (errno != EACCES && errno != EAGAIN) return df_fail(err, DF_ERROR_IO, "%s: %s", path, strerror(errno));
+    if (fcntl(fileno(file), F_GETLK, &lock) != 0 || lock.l_type == F_UNLCK || lock.l_pid <= 0)
+        return df_fail(err, DF_ERROR_IO, "%s: another process writes it", path);
+    snprintf(name_path, sizeof name_path, "/proc/%d/comm", (int)lock.l_pid);
+    FILE *names = fopen(name_path, "r");
+    if (!names || !fgets(name, sizeof name, names)) snprintf(name, sizeof name, "unknown");
+    if (names) fclose(names);
+    name[strcspn(name, "\n")] = 0;
+    return df_fail(err, DF_ERROR_IO, "%s: process %d (%s) writes it: wait for its end, or take another table", path,
+                   (int)lock.l_pid, name);
+}
+
 df_status lab_table_open(const char *path, const char *version, const char *columns, size_t key_columns,
                          lab_table *table, df_error *err) {
     long end;
     memset(table, 0, sizeof *table);
-    table->file = fopen(path, "a+");
+    table->file = fopen(path, "a+e");
     if (!table->file) return df_fail(err, DF_ERROR_IO, "%s: %s", path, strerror(errno));
     rewind(table->file);
-    df_status status = read_rows(table, path, version, columns, key_columns, &end, err);
+    df_status status = lock_table(table->file, path, err);
+    if (status == DF_OK) status = read_rows(table, path, version, columns, key_columns, &end, err);
     if (status == DF_OK && (fseek(table->file, 0, SEEK_END) != 0 || ftruncate(fileno(table->file), end) != 0)) {
         status = df_fail(err, DF_ERROR_IO, "%s: %s", path, strerror(errno));
     }

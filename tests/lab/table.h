@@ -2,7 +2,8 @@
  * A CSV that can be continued: rows that are there already are not measured again.
  *
  * The first column of each row is the version that wrote it; a file of another version, or with other columns, is
- * refused. A row is known by its key: what its columns before the first result say.
+ * refused. A row is known by its key: what its columns before the first result say. One process at a time has it: it is
+ * locked while it is open.
  */
 #ifndef DF_TESTS_TABLE_H
 #define DF_TESTS_TABLE_H
