@@ -21,6 +21,7 @@ static void add(df_frame_stats *sum, const df_frame_stats *frame) {
     sum->counters.cells_tested += frame->counters.cells_tested;
     sum->counters.lanes_active += frame->counters.lanes_active;
     sum->counters.lanes_total += frame->counters.lanes_total;
+    sum->counters.solve_ms += frame->counters.solve_ms;
     sum->begin_ms += frame->begin_ms;
     sum->rays_ms += frame->rays_ms;
     sum->trace_ms += frame->trace_ms;
@@ -168,7 +169,9 @@ static const char *const columns[] = {
     "phase_begin_ms",
     "phase_rays_ms",
     "phase_trace_ms",
+    "phase_solve_ms",
     "phase_shade_ms",
+    "floor_ns_per_ray",
 };
 enum { COLUMN_COUNT = sizeof columns / sizeof columns[0] };
 
@@ -187,6 +190,7 @@ df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *repo
     mean.stats.rays_ms /= bench->frames;
     mean.stats.trace_ms /= bench->frames;
     mean.stats.shade_ms /= bench->frames;
+    mean.stats.counters.solve_ms /= bench->frames;
     json_t *json = df_report_json(&mean);
     if (!json) return df_fail(err, DF_ERROR_MEMORY, "out of memory");
     for (int i = 0; i < COLUMN_COUNT; i++) {

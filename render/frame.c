@@ -206,6 +206,7 @@ void df_frame_stats_add(df_frame_stats *sum, const df_frame_stats *part) {
     sum->counters.cells_tested += part->counters.cells_tested;
     sum->counters.lanes_active += part->counters.lanes_active;
     sum->counters.lanes_total += part->counters.lanes_total;
+    sum->counters.solve_ms += part->counters.solve_ms;
     sum->begin_ms += part->begin_ms;
     sum->rays_ms += part->rays_ms;
     sum->trace_ms += part->trace_ms;

@@ -42,6 +42,9 @@ json_t *df_report_json(const df_report *report) {
     const df_frame_stats *stats = &report->stats;
     const df_counters *counters = &stats->counters;
     double rays = (double)stats->rays_cast, lanes = (double)counters->lanes_total;
+    /* what is left of a frame whose hit cells are known */
+    const double floor_ms = stats->rays_ms + counters->solve_ms + stats->shade_ms;
+    const double pixels = (double)settings->width * settings->height;
     const bool own = report->tracer->own_methods;
     json_t *json = json_object();
     if (!json) return NULL;
@@ -78,8 +81,10 @@ json_t *df_report_json(const df_report *report) {
     json_object_set_new(json, "ns_per_ray", json_real(stats->frame_ms * 1e6 / rays));
     json_object_set_new(json, "phase_begin_ms", json_real(stats->begin_ms));
     json_object_set_new(json, "phase_rays_ms", json_real(stats->rays_ms));
-    json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms));
+    json_object_set_new(json, "phase_trace_ms", json_real(stats->trace_ms)); /* solves included */
+    json_object_set_new(json, "phase_solve_ms", json_real(counters->solve_ms));
     json_object_set_new(json, "phase_shade_ms", json_real(stats->shade_ms));
+    json_object_set_new(json, "floor_ns_per_ray", json_real(counters->solve_ms > 0 ? floor_ms * 1e6 / pixels : 0.0));
     add_devices(report->devices, json);
     return json;
 }

@@ -1,4 +1,10 @@
-/* What df-render says about a picture: one JSON object, or the same as text. */
+/*
+ * What df-render says about a picture: one JSON object, or the same as text.
+ *
+ * Times of phases are summed over threads, but phase_begin_ms. phase_solve_ms is the part of phase_trace_ms that solves
+ * the accepted cells. floor_ns_per_ray is what a frame costs whose hit cells are known: rays, solve and shade; 0 for
+ * tracers that do not tell the solve apart.
+ */
 #ifndef DF_REPORT_H
 #define DF_REPORT_H
 

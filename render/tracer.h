@@ -39,6 +39,7 @@ typedef struct df_counters {
     uint64_t coarse_steps, fine_steps;  /* cells visited */
     uint64_t cells_tested;              /* cell segments whose field values were computed */
     uint64_t lanes_active, lanes_total; /* of SIMD steps */
+    double solve_ms;                    /* time that went into solving accepted cells; 0 for tracers that do not tell */
 } df_counters;
 
 /* Called before each tile is a place to put what the tile's rays are. */

@@ -25,7 +25,7 @@ static df_status dda_trace(void *opaque, uint32_t thread, const df_tile *tile, d
         count += scene->levels ? dda_walk_scene(scene, isolate, &ray, &candidates[count], counters)
                                : adf_walk_scene(scene, isolate, &ray, &candidates[count], counters);
     }
-    df_walk_solve(walk, thread, tile, count, hits);
+    df_walk_solve(walk, thread, tile, count, hits, counters);
     return DF_OK;
 }
 
@@ -57,7 +57,7 @@ static df_status adf_packet_trace(void *opaque, uint32_t thread, const df_tile *
                                .isolate = DF_SOLVE_ISOLATES(walk->options.solve),
                                .footprint = df_walk_footprint(walk, tile)};
     const uint32_t count = walk->options.kernels->adf(&job, walk->candidates[thread], counters);
-    df_walk_solve(walk, thread, tile, count, hits);
+    df_walk_solve(walk, thread, tile, count, hits, counters);
     return DF_OK;
 }
 

@@ -47,7 +47,7 @@ static df_status packet_trace(void *opaque, uint32_t thread, const df_tile *tile
                                .split = walk->options.walk.split,
                                .alone = walk_alone};
     const uint32_t count = walk->options.kernels->packet(&job, walk->candidates[thread], counters);
-    df_walk_solve(walk, thread, tile, count, hits);
+    df_walk_solve(walk, thread, tile, count, hits, counters);
     return DF_OK;
 }
 
@@ -85,7 +85,7 @@ static df_status cgt_trace(void *opaque, uint32_t thread, const df_tile *tile, d
                                .packet = walk->options.walk.packet ? walk->options.walk.packet : 8,
                                .clip = !walk->options.walk.no_clip};
     const uint32_t count = walk->options.kernels->cgt(&job, walk->candidates[thread], counters);
-    df_walk_solve(walk, thread, tile, count, hits);
+    df_walk_solve(walk, thread, tile, count, hits, counters);
     return DF_OK;
 }
 

@@ -7,6 +7,7 @@
  * such leaf is the hit. Rays that start inside are walked.
  */
 #include "common/memory.h"
+#include "common/progress.h"
 #include "render/cpu/surface.h"
 #include "render/cpu/walk.h"
 #include "render/methods/adf.h"
@@ -324,7 +325,7 @@ static void walk_rays(const splat_state *state, uint32_t thread, const df_tile *
         candidates[count].ray = i;
         count += adf_walk_scene(state->scene, isolate, &ray, &candidates[count], counters);
     }
-    df_walk_solve(state->walk, thread, tile, count, hits);
+    df_walk_solve(state->walk, thread, tile, count, hits, counters);
 }
 
 static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile, df_hits *hits, df_counters *counters,
@@ -348,7 +349,9 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
                               worker->block};
     state->options.kernels->splat(&job, counters);
     if (state->surface.has_border) walk_rays(state, thread, tile, hits, counters);
+    const double start = df_now_ms();
     state->options.kernels->splat_solve(&job, &state->options, hits);
+    counters->solve_ms += df_now_ms() - start;
     return DF_OK;
 }
 

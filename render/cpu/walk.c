@@ -1,5 +1,6 @@
 #include "render/cpu/walk.h"
 #include "common/memory.h"
+#include "common/progress.h"
 #include "render/methods/dda.h"
 
 #include <stdlib.h>
@@ -77,6 +78,9 @@ void df_walk_ray(const df_bounds *bounds, double footprint, const df_tile *tile,
     }
 }
 
-void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits) {
+void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits,
+                   df_counters *counters) {
+    const double start = df_now_ms();
     walk->options.kernels->solve(walk->scene, &walk->options, &tile->rays, walk->candidates[thread], count, hits);
+    counters->solve_ms += df_now_ms() - start;
 }

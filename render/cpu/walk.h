@@ -35,6 +35,7 @@ void df_walk_ray(const df_bounds *bounds, double footprint, const df_tile *tile,
 double df_walk_footprint(const df_walk *walk, const df_tile *tile);
 
 /* Solves the first `count` candidates of a thread and appends them to hits. */
-void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits);
+void df_walk_solve(const df_walk *walk, uint32_t thread, const df_tile *tile, uint32_t count, df_hits *hits,
+                   df_counters *counters);
 
 #endif
