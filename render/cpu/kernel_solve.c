@@ -5,6 +5,7 @@
 #include "render/methods/cubic.h"
 
 #include <assert.h>
+#include <stddef.h>
 
 #include "render/methods/lane_f64.h"
 
@@ -28,29 +29,46 @@ typedef struct batch {
     lf inside; /* 1 or 0 */
 } batch;
 
-/* Lanes past the last candidate repeat it. */
-static void gather(const df_scene *scene, const df_rays *rays, const df_candidate *candidates, uint32_t lanes,
-                   batch *in) {
-    float column[8][DF_LANES];
+/* Candidates as lanes; those past the last one repeat it. */
+typedef struct lanes_of {
+    li ray, block, cell[3], flags;
+} lanes_of;
+
+static lanes_of load_candidates(const df_candidate *candidates, uint32_t lanes) {
+    _Static_assert(sizeof(df_candidate) == 16 && offsetof(df_candidate, block) == 4 &&
+                       offsetof(df_candidate, cell) == 8 && offsetof(df_candidate, flags) == 14,
+                   "four words, as they are taken apart here");
+    const void *from[DF_LANES];
+    const li half = li_set(0xFFFF);
+    li word[4];
+    for (uint32_t i = 0; i < DF_LANES; i++) from[i] = &candidates[i < lanes ? i : lanes - 1];
+    li_load_4(from, word);
+    return (lanes_of){word[0],
+                      word[1],
+                      {li_and(word[2], half), li_shift_right(word[2], 16), li_and(word[3], half)},
+                      li_and(li_shift_right(word[3], 16), li_set(0xFF))};
+}
+
+/* The sizes of octree leaves with these flags. */
+static lf leaf_sizes(li flags) {
+    int32_t flag[DF_LANES];
+    float size[DF_LANES];
+    li_store(flag, flags);
+    for (int i = 0; i < DF_LANES; i++) size[i] = (float)(1u << (flag[i] >> DF_HIT_SIZE_SHIFT));
+    return lf_load(size);
+}
+
+static void gather(const df_scene *scene, const df_rays *rays, const lanes_of *of, batch *in) {
     int32_t cell[3][DF_LANES], block[DF_LANES];
-    for (uint32_t i = 0; i < DF_LANES; i++) {
-        const df_candidate *c = &candidates[i < lanes ? i : lanes - 1];
-        for (int a = 0; a < 3; a++) {
-            column[a][i] = rays->origin[a][rays->shared_origin ? 0 : c->ray];
-            column[3 + a][i] = rays->direction[a][c->ray];
-            cell[a][i] = c->cell[a];
-        }
-        block[i] = (int32_t)c->block;
-        column[6][i] = (float)(1u << (c->flags >> DF_HIT_SIZE_SHIFT));
-        column[7][i] = c->flags & DF_HIT_BACK ? 1 : 0;
-    }
     for (int a = 0; a < 3; a++) {
-        in->origin[a] = lf_load(column[a]);
-        in->direction[a] = lf_load(column[3 + a]);
-        in->cell[a] = lf_from_li(li_load(cell[a]));
+        in->origin[a] = rays->shared_origin ? lf_set(rays->origin[a][0]) : lf_gather(rays->origin[a], of->ray);
+        in->direction[a] = lf_gather(rays->direction[a], of->ray);
+        in->cell[a] = lf_from_li(of->cell[a]);
+        li_store(cell[a], of->cell[a]);
     }
-    in->size = lf_load(column[6]);
-    in->inside = lf_load(column[7]);
+    li_store(block, of->block);
+    in->size = scene->levels ? lf_set(1) : leaf_sizes(of->flags);
+    in->inside = lf_from_li(li_and(of->flags, li_set(DF_HIT_BACK)));
     if (scene->levels) {
         const uint32_t all = (uint32_t)((1ull << DF_LANES) - 1);
         DF_FETCH_BY_TYPE(scene->field->sample_type, df_fetch_cells, scene, cell, block, all, in->corner);
@@ -163,17 +181,15 @@ void DF_KERNEL(df_kernel_solve)(const df_scene *scene, const df_trace_options *o
     assert(hits->count + count <= hits->capacity);
     for (uint32_t first = 0; first < count; first += DF_LANES) {
         const uint32_t at = hits->count, lanes = count - first < DF_LANES ? count - first : DF_LANES;
+        const lanes_of of = load_candidates(candidates + first, lanes);
         batch in;
-        gather(scene, rays, candidates + first, lanes, &in);
+        gather(scene, rays, &of, &in);
         solve_batch(&in, scene->levels, options, hits, at);
-        for (uint32_t i = 0; i < lanes; i++) {
-            const df_candidate *c = &candidates[first + i];
-            hits->ray[at + i] = c->ray;
-            hits->block[at + i] = c->block;
-            hits->flags[at + i] = c->flags;
-            for (int a = 0; a < 3; a++) hits->cell[a][at + i] = c->cell[a];
-            if (rays->t_base) hits->t[at + i] += rays->t_base[c->ray];
-        }
+        li_store((int32_t *)hits->ray + at, of.ray);
+        li_store((int32_t *)hits->block + at, of.block);
+        for (int a = 0; a < 3; a++) li_store_u16(hits->cell[a] + at, of.cell[a]);
+        for (uint32_t i = 0; i < lanes; i++) hits->flags[at + i] = candidates[first + i].flags;
+        for (uint32_t i = 0; i < lanes && rays->t_base; i++) hits->t[at + i] += rays->t_base[candidates[first + i].ray];
         hits->count += lanes;
     }
 }

@@ -12,9 +12,10 @@
  *
  * lf_load_8 takes 8 floats of every lane from an address of its own: out[c] holds number c of all. lf_load_pairs takes
  * them in pairs, two rows and two slices of a cell: from 0, row, slice and row + slice after the address.
- * lf_load_square takes DF_SQUARE_WIDTH floats from each of as many rows as make DF_LANES, `stride` apart. lf_compress
- * and li_compress store the lanes of a mask side by side and may write up to DF_LANES entries. li_tally adds 1 to the
- * lanes of a mask. li_lookup takes entries of a table of 16 that all lanes share. lm_bits has lane 0 in bit 0.
+ * li_load_4 takes 4 ints of every lane, as lf_load_8 its floats. lf_load_square takes DF_SQUARE_WIDTH floats from each
+ * of as many rows as make DF_LANES, `stride` apart. lf_compress and li_compress store the lanes of a mask side by side
+ * and may write up to DF_LANES entries. li_tally adds 1 to the lanes of a mask. li_lookup takes entries of a table of
+ * 16 that all lanes share. lm_bits has lane 0 in bit 0.
  *
  * The wide types exist for SSE4.1 (4), AVX2 (8) and AVX-512 (16); the compiler's flags must allow them. In C only.
  */
@@ -22,6 +23,10 @@
 #define DF_LANE_H
 
 #include "common/dialect.h"
+
+#ifndef DF_OPENCL
+#include <string.h>
+#endif
 
 #ifndef DF_LANES
 #define DF_LANES 1
@@ -37,6 +42,14 @@
 static inline __m128 lf_two_pairs(const float *a, const float *b) {
     const __m128i low = _mm_loadl_epi64((const __m128i *)(const void *)a); /* wherever floats lie, unlike _mm_load_sd */
     return _mm_loadh_pi(_mm_castsi128_ps(low), (const __m64 *)(const void *)b);
+}
+
+/* The words of four lanes, transposed. */
+static inline void li_load_four(const void *const from[4], __m128i out[4]) {
+    __m128 row[4];
+    for (int i = 0; i < 4; i++) row[i] = _mm_castsi128_ps(_mm_loadu_si128((const __m128i *)from[i]));
+    _MM_TRANSPOSE4_PS(row[0], row[1], row[2], row[3]);
+    for (int i = 0; i < 4; i++) out[i] = _mm_castps_si128(row[i]);
 }
 #endif
 
@@ -141,6 +154,7 @@ static inline lf lf_load_square(const float *p, size_t stride) {
     (void)stride;
     return *p;
 }
+static inline void li_load_4(const void *const from[DF_LANES], li out[4]) { memcpy(out, from[0], 4 * sizeof *out); }
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     for (int c = 0; c < 8; c++) out[c] = from[0][c];
 }
@@ -217,6 +231,7 @@ static inline li li_gather(const int32_t *base, li index) {
     return _mm_setr_epi32(base[(uint32_t)i[0]], base[(uint32_t)i[1]], base[(uint32_t)i[2]], base[(uint32_t)i[3]]);
 }
 static inline lf lf_load_square(const float *p, size_t stride) { return lf_two_pairs(p, p + stride); }
+static inline void li_load_4(const void *const from[DF_LANES], li out[4]) { li_load_four(from, out); }
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     for (int half = 0; half < 2; half++) {
         lf *four = out + 4 * half;
@@ -354,6 +369,12 @@ static inline void lf_transpose_8(const lf row[8], lf out[8]) {
         out[4 + c] = _mm256_permute2f128_ps(four[c], four[4 + c], 0x31);
     }
 }
+static inline void li_load_4(const void *const from[DF_LANES], li out[4]) {
+    __m128i low[4], high[4];
+    li_load_four(from, low);
+    li_load_four(from + 4, high);
+    for (int c = 0; c < 4; c++) out[c] = _mm256_set_m128i(high[c], low[c]);
+}
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
     lf rows[8];
     for (int i = 0; i < 8; i++) rows[i] = _mm256_loadu_ps(from[i]);
@@ -480,6 +501,14 @@ static inline void lf_transpose_8(const lf row[8], lf out[8]) { /* lane i below,
     for (int c = 0; c < 4; c++) {
         out[c] = _mm512_permutex2var_ps(four[c], even, four[4 + c]);
         out[4 + c] = _mm512_permutex2var_ps(four[c], odd, four[4 + c]);
+    }
+}
+static inline void li_load_4(const void *const from[DF_LANES], li out[4]) {
+    __m128i part[4][4];
+    for (int i = 0; i < 4; i++) li_load_four(from + 4 * i, part[i]);
+    for (int c = 0; c < 4; c++) {
+        const __m256i low = _mm256_set_m128i(part[1][c], part[0][c]), high = _mm256_set_m128i(part[3][c], part[2][c]);
+        out[c] = _mm512_inserti64x4(_mm512_castsi256_si512(low), high, 1);
     }
 }
 static inline void lf_load_8(const float *const from[DF_LANES], lf out[8]) {
