@@ -69,6 +69,7 @@ static void the_default_method_makes_no_error(void **unused) {
                                  false,
                                  NULL,
                                  0,
+                                 NULL,
                                  NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
@@ -104,6 +105,7 @@ static void thin_shells_are_traced_as_they_are_stored(void **unused) {
                                  false,
                                  NULL,
                                  0,
+                                 NULL,
                                  NULL};
             measure(&run, &score);
             if (lab_score_errors(&score)) {
@@ -162,7 +164,7 @@ static void solves_that_see_only_the_ends_miss_pairs_of_crossings(void **unused)
     for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
         lab_score score;
         const lab_run run = {&df_tracer_dda, &f.scene, solve, 0,    NULL, LAB_GRAZING, LAB_SEED, 0,
-                             2 * ray_count,  NULL,     false, NULL, 0,    NULL};
+                             2 * ray_count,  NULL,     false, NULL, 0,    NULL,        NULL};
         measure(&run, &score);
         assert_int_equal(score.false_positive, 0);
         if (DF_SOLVE_ISOLATES(solve)) assert_int_equal(lab_score_errors(&score), 0);
@@ -203,6 +205,7 @@ static void tracers_and_structures_make_no_error_either(void **unused) {
                                      false,
                                      NULL,
                                      0,
+                                     NULL,
                                      NULL};
                 measure(&run, &score);
                 if (lab_score_errors(&score)) {
@@ -229,8 +232,8 @@ static void nothing_escapes_from_a_closed_field(void **unused) {
             if ((*tracer)->whole_frame || ((*tracer)->suits && !(*tracer)->suits(&f.scene, NULL)))
                 continue; /* pictures only */
             for (int solve = 0; solve < DF_SOLVE_COUNT; solve++) {
-                const lab_run run = {*tracer, &f.scene,       solve, 0,     NULL, LAB_INSIDE, LAB_SEED + 3,
-                                     0,       20 * ray_count, NULL,  false, NULL, 0,          NULL};
+                const lab_run run = {*tracer,        &f.scene, solve, 0,    NULL, LAB_INSIDE, LAB_SEED + 3, 0,
+                                     20 * ray_count, NULL,     false, NULL, 0,    NULL,       NULL};
                 if (lab_count_escapes(&run, &escapes, &err)) fail_msg("%s", err.text);
                 if (escapes.count)
                     fail_msg("%s, %s, %s: %d rays escape, the first without a hit is %d", f.surface.name,
@@ -290,7 +293,7 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     lab_score score;
     open_scene(&f, LAB_SPHERE, 64, 0, DF_FIELD_DENSE, 8, 2);
     const lab_run run = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    &f.surface, LAB_RANDOM, LAB_SEED, 0,
-                         4 * ray_count,  NULL,     false,           NULL, 0,          NULL};
+                         4 * ray_count,  NULL,     false,           NULL, 0,          NULL,       NULL};
     measure(&run, &score);
     const double median = lab_histogram_quantile(&score.depth, 0.5);
     if (median < 4e-3 || median > 1.2e-2) fail_msg("median %g", median); /* the rays meet the surface at all angles */
@@ -301,7 +304,7 @@ static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     for (int i = 0; i < 8; i++) {
         open_scene(&f, LAB_SHELL, 64, widths[i], DF_FIELD_DENSE, 8, 2);
         const lab_run shell = {&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0,    &f.surface, LAB_RANDOM, LAB_SEED, 0,
-                               4 * ray_count,  NULL,     false,           NULL, 0,          NULL};
+                               4 * ray_count,  NULL,     false,           NULL, 0,          NULL,       NULL};
         measure(&shell, &score);
         const double part = 100.0 * (double)score.false_negative / (double)(score.true_positive + score.false_negative);
         if (fabs(part - lost[i]) > 0.1 + lost[i] / 40)

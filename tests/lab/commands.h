@@ -7,6 +7,7 @@
 df_status lab_command_measure(int argc, char **argv, df_error *err);
 df_status lab_command_count(int argc, char **argv, df_error *err);
 df_status lab_command_escape(int argc, char **argv, df_error *err);
+df_status lab_command_judge(int argc, char **argv, df_error *err);
 df_status lab_command_field(int argc, char **argv, df_error *err);
 df_status lab_command_maps(int argc, char **argv, df_error *err);
 df_status lab_command_depth(int argc, char **argv, df_error *err);

@@ -176,7 +176,7 @@ static df_status for_each_chunk(const lab_run *run, chunk_visit *visit, void **r
                                       .threads = (uint32_t)omp_get_max_threads(),
                                       .tile_width = CHUNK_RAYS,
                                       .tile_height = 1,
-                                      .kernels = &df_kernels_scalar};
+                                      .kernels = run->kernels ? run->kernels : &df_kernels_scalar};
     const uint64_t chunk_count = (run->count + CHUNK_RAYS - 1) / CHUNK_RAYS;
     void *state;
     df_status status = run->tracer->prepare(run->scene, &options, &state, err);

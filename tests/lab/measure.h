@@ -50,11 +50,12 @@ typedef struct lab_run {
     lab_family family;
     uint64_t seed, first, count; /* rays first .. first + count - 1 of the family */
     df_truth *truths; /* NULL, or room for the truths of count rays: filled by the first run, used by those after it,
-                         which must differ in solve, steps and precision only */
+                         which must differ in tracer, kernels, solve, steps and precision only */
     bool truths_known;
-    const lab_mesh *mesh; /* against this instead; NULL: not */
-    int precision;        /* DF_PRECISION_... of the solve */
-    const double *eye;    /* grid space: rays from there to the field's box instead of the family's; NULL: not */
+    const lab_mesh *mesh;      /* against this instead; NULL: not */
+    int precision;             /* DF_PRECISION_... of the solve */
+    const double *eye;         /* grid space: rays from there to the field's box instead of the family's; NULL: not */
+    const df_kernels *kernels; /* NULL: scalar */
 } lab_run;
 
 /* Adds to *score, which starts zeroed. */
