@@ -368,7 +368,7 @@ def draw_storage(table, folder):
             panel.mark(*points[-1][:2], 3 if cubic else marks[r["structure"]], 1.3, colour)
         for x, y, words, colour in points:
             panel.label(words, x, y, colour, 10, 8)
-        tics = ", ".join(f"'{t // 1000} kB' {t}" for t in (50000, 100000, 200000, 500000, 1000000, 2000000, 5000000, 10000000) if panel.x[0] < t < panel.x[1])
+        tics = ", ".join(f"'{t // 1000} kB' {t}" for t in (50000, 100000, 200000, 500000, 1000000, 2000000, 5000000, 10000000) if panel.x[0] * 1.1 < t < panel.x[1] / 1.3)
         body += panel.script(f"{field} {voxels}", "", "p99 error, voxels" if n % columns == 0 else "", tics)
     both_formats(folder, "storage", *size, body + "unset multiplot\n")
 

@@ -45,7 +45,7 @@ def inline_svg(folder, name):
         return ""
     with open(path) as file:
         text = file.read()
-    return text[text.index("<svg"):]
+    return "<div class=chart>" + text[text.index("<svg"):] + "</div>"
 
 
 def inline_png(path):
@@ -148,7 +148,7 @@ def write_page(table, folder):
     page = f"""<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width"><title>distfield: accuracy against time</title>
 <style>:root{{color-scheme:light}}body{{font:15px/1.4 sans-serif;max-width:1300px;margin:2em auto;padding:0 1em;color:#111;background:#fff}}table{{border-collapse:collapse;font-size:13px}}
 td,th{{border:1px solid #ccc;padding:2px 6px;text-align:left}}.row{{display:flex;flex-wrap:wrap}}figure{{margin:4px;width:200px;text-align:center}}
-figure img{{width:200px}}svg{{max-width:100%;height:auto}}details{{margin:.6em 0;overflow-x:auto}}summary{{cursor:pointer;color:#0645ad}}p,ul{{max-width:62em}}</style>
+figure img{{width:200px}}.chart{{overflow-x:auto}}svg{{width:100%;min-width:900px;height:auto}}details{{margin:.6em 0;overflow-x:auto}}summary{{cursor:pointer;color:#0645ad}}p,ul{{max-width:62em}}</style>
 <h1>Accuracy against time</h1>
 <p>Take <b>robust</b>, the default: {default_words(table)} Nothing that isolates crossings in double costs noticeably less, as
 a ray is solved once, in the voxel that holds its hit. Or let <b>--quality auto</b> choose: it takes the same solve, with fewer steps or in float where that cannot be seen.</p>
@@ -172,7 +172,7 @@ Errors are those of the solver against the trilinear field in quad precision; ti
 <h2>What --quality auto takes</h2><p>{auto_words(table)}</p>
 <details><summary>All views</summary><p>Against the measured front at three distances (rays from the eye to the field): the cheapest method with the same gradient that has no wrong ray there and is no less exact. Cost is {cost_column(table)}. The cheapest within the bound is known only after the truth is: it is another method in each view.
 The last columns are the clock: of the three fastest methods that are sound there and no less exact, the one that does best when its frames and those of the choice are drawn in pairs, and the median of their ratios in CPU time.</p>{auto_table(table)}</details>
-<h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p>{mesh_table(table)}
+<h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p><details><summary>The numbers</summary>{mesh_table(table)}</details>
 <h2>Error against bytes</h2><p>What is left of the exact surface when its samples are stored, whatever the solver.</p>{inline_svg(folder, "storage")}
 <h2>Normals</h2>{inline_svg(folder, "gradients")}
 <details><summary>All rows</summary>{all_rows(table)}</details>
