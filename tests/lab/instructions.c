@@ -94,9 +94,21 @@ static df_status empty_folder(lab_count_run *run, lab_counts *counts, df_error *
 /* In the child. One thread: more would wait for each other for so many instructions. */
 static void become_callgrind(const char *program, const char *folder, const char *const *arguments) {
     char out[600];
-    const char *command[LAB_COUNT_ARGUMENTS_MAX + 8] = {"valgrind",           "-q", "--tool=callgrind",
-                                                        "--instr-atstart=no", out,  program};
-    int count = 6;
+    /* What the C library does to find memory hangs on where its heap lies, which differs from run to run. */
+    const char *command[LAB_COUNT_ARGUMENTS_MAX + 16] = {"valgrind",
+                                                         "-q",
+                                                         "--tool=callgrind",
+                                                         "--instr-atstart=no",
+                                                         "--toggle-collect=malloc",
+                                                         "--toggle-collect=calloc",
+                                                         "--toggle-collect=realloc",
+                                                         "--toggle-collect=memalign",
+                                                         "--toggle-collect=aligned_alloc",
+                                                         "--toggle-collect=free",
+                                                         "--collect-atstart=yes",
+                                                         out,
+                                                         program};
+    int count = 13;
     snprintf(out, sizeof out, "--callgrind-out-file=%s/counts", folder);
     for (int i = 0; arguments[i]; i++) command[count++] = arguments[i];
     prctl(PR_SET_PDEATHSIG, SIGTERM);

@@ -1,6 +1,7 @@
 /*
  * Instructions of user code, counted: by the processor's counter where the system lets a program read it
- * (perf_event_open), otherwise by running the program again under valgrind's callgrind, which counts to the digit.
+ * (perf_event_open), otherwise by running the program again under valgrind's callgrind, which counts to the digit,
+ * without malloc and free.
  *
  * Callgrind: the parent calls lab_count_start and, later, lab_count_finish; its child, the same program with other
  * arguments and one thread, calls lab_count_begin and lab_count_end("label") around each piece, and the parent then
