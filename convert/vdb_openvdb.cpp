@@ -54,7 +54,7 @@ openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
 // 256 kB in memory and 4 kB or more in the file. A sanitizer has reserved far more already.
 constexpr double bytes_per_byte = 128, bytes_more = 512 << 20;
 void limit_memory(const char *path) {
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef DF_SANITIZED
     struct stat info;
     unsigned long long pages = 0;
     std::FILE *own = std::fopen("/proc/self/statm", "re");

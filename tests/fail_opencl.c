@@ -6,6 +6,7 @@
  *   gpu         devices say that they are GPUs (for --device auto)
  *   no-images   devices say that they have no images
  *   build       the first line of dda.h in the kernels' text is an error
+ *   cache       clBuildProgram fails without a word of why
  *   buffer      clCreateBuffer fails
  *   launch      clEnqueueNDRangeKernel fails
  *   lost        clFinish says that the device is gone
@@ -21,8 +22,8 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { FAULT_GPU, FAULT_NO_IMAGES, FAULT_BUILD, FAULT_BUFFER, FAULT_LAUNCH, FAULT_LOST, FAULT_COUNT };
-static const char *const names[FAULT_COUNT] = {"gpu", "no-images", "build", "buffer", "launch", "lost"};
+enum { FAULT_GPU, FAULT_NO_IMAGES, FAULT_BUILD, FAULT_CACHE, FAULT_BUFFER, FAULT_LAUNCH, FAULT_LOST, FAULT_COUNT };
+static const char *const names[FAULT_COUNT] = {"gpu", "no-images", "build", "cache", "buffer", "launch", "lost"};
 static atomic_long calls[FAULT_COUNT];
 
 /* A function of the real library. */
@@ -73,6 +74,12 @@ cl_program clCreateProgramWithSource(cl_context context, cl_uint count, const ch
     cl_program program = REAL(clCreateProgramWithSource)(context, 1, (const char **)(size_t)&given, NULL, code);
     free(text);
     return program;
+}
+
+cl_int clBuildProgram(cl_program program, cl_uint count, const cl_device_id *devices, const char *options,
+                      void(CL_CALLBACK *notify)(cl_program, void *), void *data) {
+    if (occurs(FAULT_CACHE)) return CL_BUILD_PROGRAM_FAILURE;
+    return REAL(clBuildProgram)(program, count, devices, options, notify, data);
 }
 
 cl_mem clCreateBuffer(cl_context context, cl_mem_flags flags, size_t size, void *data, cl_int *code) {

@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 /* ---- finding ---- */
 
@@ -161,18 +162,23 @@ df_status df_opencl_open(const df_opencl_info *info, df_opencl *device, df_error
     return DF_OK;
 }
 
-/* The message of a failed build: the first line of the log that holds an error, and the log itself. */
-static df_status report_build(df_opencl *device, cl_int code, FILE *log, df_error *err) {
+/* The log of a failed build, which the caller frees; NULL where there is none. */
+static char *build_log(const df_opencl *device) {
     const df_opencl_api *cl = device->cl;
     size_t size = 0;
-    char *text = NULL;
     cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, 0, NULL, &size);
-    if (size > 0) text = calloc(size + 1, 1);
-    if (!text || cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, size, text, NULL) !=
-                     CL_SUCCESS) {
-        free(text);
-        return df_opencl_check(code, "clBuildProgram", device->info.name, err);
-    }
+    char *text = size > 0 ? calloc(size + 1, 1) : NULL;
+    if (!text ||
+        cl->GetProgramBuildInfo(device->program, device->info.id, CL_PROGRAM_BUILD_LOG, size, text, NULL) == CL_SUCCESS)
+        return text;
+    free(text);
+    return NULL;
+}
+
+/* The message of a failed build: the first line of the log that holds an error, and the log itself. */
+static df_status report_build(df_opencl *device, cl_int code, FILE *log, df_error *err) {
+    char *text = build_log(device);
+    if (!text) return df_opencl_check(code, "clBuildProgram", device->info.name, err);
     if (log) fprintf(log, "%s\n", text);
     char *first = strstr(text, "error");
     const char *hint =
@@ -185,16 +191,39 @@ static df_status report_build(df_opencl *device, cl_int code, FILE *log, df_erro
     return status;
 }
 
+/* Makes the program of a source and builds it; *code: how the build went. */
+static df_status try_build(df_opencl *device, const char *source, const char *options, cl_int *code, df_error *err) {
+    if (device->program) device->cl->ReleaseProgram(device->program);
+    device->program = device->cl->CreateProgramWithSource(device->context, 1, &source, NULL, code);
+    if (!device->program) return df_opencl_check(*code, "clCreateProgramWithSource", device->info.name, err);
+    *code = device->cl->BuildProgram(device->program, 1, &device->info.id, options, NULL, NULL);
+    return DF_OK;
+}
+
+/* Whether the compiler found an error in the text, as far as the log tells. */
+static bool text_is_wrong(const df_opencl *device) {
+    char *text = build_log(device);
+    const bool wrong = text && strstr(text, "error");
+    free(text);
+    return wrong;
+}
+
+/* PoCL, and others that keep kernels in files, may stumble over a process that fills the cache at the same time: what
+ * fails without an error in the text is built again, a little later. */
+#define BUILD_TRIES 4
+#define BUILD_PAUSE_MS 50
 df_status df_opencl_build_source(df_opencl *device, const char *source, const char *options, FILE *log, df_error *err) {
     char all[512];
     cl_int code;
     const double start = df_now_ms();
     snprintf(all, sizeof all, "-cl-std=CL1.2 -DDF_OPENCL %s %s",
              device->info.correctly_rounded ? "-cl-fp32-correctly-rounded-divide-sqrt" : "", options);
-    if (device->program) device->cl->ReleaseProgram(device->program);
-    device->program = device->cl->CreateProgramWithSource(device->context, 1, &source, NULL, &code);
-    if (!device->program) return df_opencl_check(code, "clCreateProgramWithSource", device->info.name, err);
-    code = device->cl->BuildProgram(device->program, 1, &device->info.id, all, NULL, NULL);
+    df_status status = try_build(device, source, all, &code, err);
+    for (long i = 1; status == DF_OK && code != CL_SUCCESS && i < BUILD_TRIES && !text_is_wrong(device); i++) {
+        nanosleep(&(struct timespec){.tv_nsec = (BUILD_PAUSE_MS << i) * 1000000L}, NULL);
+        status = try_build(device, source, all, &code, err);
+    }
+    if (status != DF_OK) return status;
     device->build_ms = df_now_ms() - start;
     return code == CL_SUCCESS ? DF_OK : report_build(device, code, log, err);
 }
