@@ -1,4 +1,5 @@
-/* Every tracer with every instruction set draws the picture of the scalar 3DDDA, bit for bit. */
+/* Every tracer with every instruction set draws the picture of the scalar 3DDDA, bit for bit. With --full: every
+ * structure, sample type, solve, precision and gradient with every other, which takes minutes; otherwise every pair. */
 #include "fields.h"
 #include "render/frame.h"
 #include "render/methods/gradient.h"
@@ -13,6 +14,7 @@
 
 #include <cmocka.h>
 
+static bool all_combinations;
 static const char *const isas[] = {"scalar", "sse4.1", "avx2", "avx512"};
 
 /* Two tori, one lying and one standing, with a dent: fronts, backs and silhouettes in many bricks. */
@@ -175,6 +177,81 @@ static void tracers_agree_for_every_solve_and_gradient(void **unused) {
         compare_all(&scene, &camera, 90, 70, 16, DF_SOLVE_ROBUST, gradient, df_gradient_names[gradient]);
     }
     close_scene(&field, &scene);
+}
+
+/* What a picture combines: the number of a structure, a sample type, a solve, a precision and a gradient. */
+enum { BY_STRUCTURE, BY_TYPE, BY_SOLVE, BY_PRECISION, BY_GRADIENT, CHOICE_COUNT };
+static const struct {
+    df_field_kind kind;
+    uint32_t k;
+    df_scene_options scene;
+} structures[] = {{DF_FIELD_DENSE, 0, {1, 0}},  {DF_FIELD_DENSE, 0, {2, 4}},  {DF_FIELD_DENSE, 0, {2, 8}},
+                  {DF_FIELD_BRICKS, 4, {0, 0}}, {DF_FIELD_BRICKS, 8, {0, 0}}, {DF_FIELD_ADF, 0, {0, 0}}};
+enum { STRUCTURE_COUNT = sizeof structures / sizeof structures[0], TYPE_COUNT = 3, PRECISION_COUNT = 2 };
+static const int choice_counts[CHOICE_COUNT] = {STRUCTURE_COUNT, TYPE_COUNT, DF_SOLVE_COUNT, PRECISION_COUNT,
+                                                DF_GRADIENT_COUNT};
+static bool pairs_seen[CHOICE_COUNT][CHOICE_COUNT][8][8];
+
+/* The closed form is in double only. */
+static bool makes_sense(int kind_a, int a, int kind_b, int b) {
+    return !(kind_a == BY_SOLVE && a == DF_SOLVE_ANALYTIC && kind_b == BY_PRECISION && b == DF_PRECISION_F32) &&
+           !(kind_b == BY_SOLVE && b == DF_SOLVE_ANALYTIC && kind_a == BY_PRECISION && a == DF_PRECISION_F32);
+}
+
+/* Marks the pairs of a combination. Returns how many are new. */
+static int see_pairs(const int choice[CHOICE_COUNT]) {
+    int fresh = 0;
+    for (int a = 0; a < CHOICE_COUNT; a++) {
+        for (int b = 0; b < CHOICE_COUNT; b++) {
+            fresh += !pairs_seen[a][b][choice[a]][choice[b]];
+            pairs_seen[a][b][choice[a]][choice[b]] = true;
+        }
+    }
+    return fresh;
+}
+
+/* One field, all the combinations that are wanted of it: those that bring a new pair, or all. */
+static void compare_combinations(int structure, int type) {
+    const double n = 32;
+    const uint32_t count[3] = {32, 32, 32};
+    df_field field = {0};
+    df_scene scene;
+    df_camera camera;
+    df_error err;
+    if (test_field_from_function(&field, structures[structure].kind, structures[structure].k, count, rings, &n, &err) ||
+        (type > 0 && test_field_quantise(&field, DF_SAMPLE_F32 + (df_sample_type)type, &err)) ||
+        df_scene_prepare(&field, 0, &structures[structure].scene, &scene, &err))
+        fail_msg("%s", err.text);
+    df_camera_orbit(&field, 40.0 * structure, 15.0 * type + 10, 1.2, &camera);
+    camera.fov_y = 1;
+    for (int i = 0; i < DF_SOLVE_COUNT * PRECISION_COUNT * DF_GRADIENT_COUNT; i++) {
+        const int solve = i % DF_SOLVE_COUNT, precision = i / DF_SOLVE_COUNT % PRECISION_COUNT,
+                  gradient = i / DF_SOLVE_COUNT / PRECISION_COUNT;
+        const int choice[CHOICE_COUNT] = {structure, type, solve, precision, gradient};
+        if (!makes_sense(BY_SOLVE, solve, BY_PRECISION, precision)) continue;
+        if (see_pairs(choice) == 0 && !all_combinations) continue;
+        char name[128];
+        snprintf(name, sizeof name, "structure %d, sample type %d, %s, precision %d, gradient %s", structure, type,
+                 df_solve_names[solve], precision, df_gradient_names[gradient]);
+        assert_true(compare_methods(&scene, &camera, 93, 71, 32, solve, precision, gradient, name) > 500);
+    }
+    close_scene(&field, &scene);
+}
+
+static void tracers_agree_for_every_pair_of_choices(void **unused) {
+    (void)unused;
+    for (int structure = 0; structure < STRUCTURE_COUNT; structure++) {
+        for (int type = 0; type < TYPE_COUNT; type++) compare_combinations(structure, type);
+    }
+    for (int a = 0; a < CHOICE_COUNT; a++) {
+        for (int b = 0; b < CHOICE_COUNT; b++) {
+            for (int i = 0; i < choice_counts[a] * choice_counts[b] && a != b; i++) {
+                const int of_a = i % choice_counts[a], of_b = i / choice_counts[a];
+                if (makes_sense(a, of_a, b, of_b) && !pairs_seen[a][b][of_a][of_b])
+                    fail_msg("kind %d choice %d was never seen with kind %d choice %d", a, of_a, b, of_b);
+            }
+        }
+    }
 }
 
 /* Each with the closed form left out, which is in double only. */
@@ -358,10 +435,12 @@ static void fields_without_a_surface_or_with_one_voxel_draw(void **unused) {
     }
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    all_combinations = argc > 1 && strcmp(argv[1], "--full") == 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tracers_agree_on_pictures),
         cmocka_unit_test(tracers_agree_for_every_solve_and_gradient),
+        cmocka_unit_test(tracers_agree_for_every_pair_of_choices),
         cmocka_unit_test(tracers_agree_in_single_precision),
         cmocka_unit_test(tracers_agree_where_rays_run_along_the_grid),
         cmocka_unit_test(tracers_agree_from_inside_and_afar),
