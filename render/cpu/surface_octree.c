@@ -346,11 +346,12 @@ static bool may_hit(const builder *b, uint32_t family, uint32_t child) {
 
 /* The records of a cell. block: the cube that it is a part of; NULL: it is larger. */
 static void visit_leaves(part *p, const node *n, const node *block) {
-    if (!block && (n->size_log2 <= 3 || !divided(n))) {
+    const bool is_divided = divided(n);
+    if (!block && (n->size_log2 <= 3 || !is_divided)) {
         block = n;
         p->open = false;
     }
-    if (divided(n)) {
+    if (is_divided) {
         for (uint32_t c = 0; c < 8; c++) {
             if (!may_hit(p->b, n->family, c)) continue;
             const node child = child_of(p->b, n, c);
