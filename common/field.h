@@ -207,6 +207,11 @@ uint64_t df_field_surface_voxel_count(const df_field *field);
  * for ADF just 0, as leaves are fine at that surface only. */
 void df_field_iso_range(const df_field *field, float *low, float *high);
 
+/* False where the values stored are all on one side of iso: there is no surface. */
+static inline bool df_field_reaches(const df_field *field, float iso) {
+    return field->value_min < iso && iso <= field->value_max;
+}
+
 /* df_field_finish for an ADF. */
 df_status df_octree_finish(df_field *field, const char *name, df_error *err);
 

@@ -148,6 +148,5 @@ df_status df_build(const df_build_input *input, df_field *field, df_build_report
     if (status != DF_OK) df_field_free(field);
     df_cells_free(&b.cells);
     free(b.samples);
-    free(b.waiting);
     return status;
 }

@@ -13,19 +13,9 @@ static int by_value(const void *a, const void *b) {
 }
 
 static void add(df_frame_stats *sum, const df_frame_stats *frame) {
+    df_frame_stats_add(sum, frame);
     sum->rays_cast += frame->rays_cast;
     sum->rays_entering += frame->rays_entering;
-    sum->rays_hitting += frame->rays_hitting;
-    sum->counters.coarse_steps += frame->counters.coarse_steps;
-    sum->counters.fine_steps += frame->counters.fine_steps;
-    sum->counters.cells_tested += frame->counters.cells_tested;
-    sum->counters.lanes_active += frame->counters.lanes_active;
-    sum->counters.lanes_total += frame->counters.lanes_total;
-    sum->counters.solve_ms += frame->counters.solve_ms;
-    sum->begin_ms += frame->begin_ms;
-    sum->rays_ms += frame->rays_ms;
-    sum->trace_ms += frame->trace_ms;
-    sum->shade_ms += frame->shade_ms;
 }
 
 static df_status frame_view(const df_settings *settings, const df_field *field, double azimuth, df_view *view,

@@ -490,7 +490,7 @@ static const df_tracer *choose_tracer(const options *opts, const session *s) {
 
 /* A picture without a surface is no error, but hardly what was meant. */
 static void note_empty(const df_field *field, double iso) {
-    if ((double)field->value_min < iso && iso <= (double)field->value_max) return;
+    if (df_field_reaches(field, (float)iso)) return;
     fprintf(stderr, "df-render: this field has no surface at iso %g: its values go from %g to %g\n", iso,
             (double)field->value_min, (double)field->value_max);
 }
@@ -520,9 +520,7 @@ static df_status open_devices(const options *opts, session *s, df_error *err) {
                                     .walk = settings->walk};
     s->report.tracer = tracer;
     s->report.tile = tile;
-    status = df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
-    if (status == DF_OK) note_empty(&s->field, settings->iso);
-    return status;
+    return df_devices_open(&opts->devices, &s->scene, &frame, settings->width, settings->height, &s->devices, err);
 }
 
 static df_status render(options *opts, session *s, df_error *err) {
@@ -537,6 +535,7 @@ static df_status render(options *opts, session *s, df_error *err) {
     status = alloc_picture(opts, &s->picture, err);
     if (status == DF_OK) status = open_devices(opts, s, err);
     if (status != DF_OK) return status;
+    note_empty(&s->field, settings->iso);
     s->report.devices = s->devices;
     s->report.field_path = opts->field_path;
     s->report.scene = &s->scene;

@@ -92,7 +92,8 @@ struct df_tracer {
      * view. */
     df_status (*prepare)(const df_scene *scene, const df_trace_options *options, void **state, df_error *err);
     void (*release)(void *state);
-    /* NULL: it has to be prepared anew; or takes another solve, steps and precision for the tiles that follow. */
+    /* NULL: it has to be prepared anew; or takes another solve, steps and precision for the tiles that follow, out of
+     * options that are those of prepare in all else. */
     void (*set_method)(void *state, const df_trace_options *options);
     /* NULL or the bytes that prepare added for the scene, workspaces of threads not counted. */
     uint64_t (*bytes)(const void *state);

@@ -106,12 +106,8 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
 
 static void splat_set_method(void *opaque, const df_trace_options *options) {
     splat_state *state = opaque;
-    df_trace_options *held[] = {&state->options, state->walk ? &state->walk->options : &state->options};
-    for (int i = 0; i < 2; i++) {
-        held[i]->solve = options->solve;
-        held[i]->steps = options->steps;
-        held[i]->precision = options->precision;
-    }
+    state->options = *options;
+    if (state->walk) state->walk->options = *options;
 }
 
 static uint64_t splat_bytes(const void *opaque) {

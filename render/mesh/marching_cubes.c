@@ -691,6 +691,11 @@ uint64_t df_mc_mesh_work(const df_field *field) {
     return 2 * blocks;
 }
 
+static df_status no_surface(const df_field *field, const char *name, float iso, df_error *err) {
+    return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso,
+                   (double)field->value_min, (double)field->value_max);
+}
+
 df_status df_mc_extract(const df_field *field, const char *name, const df_mc_params *params, df_mc_mesh *mesh,
                         df_error *err) {
     memset(mesh, 0, sizeof *mesh);
@@ -698,10 +703,7 @@ df_status df_mc_extract(const df_field *field, const char *name, const df_mc_par
     float low = -INFINITY, high = INFINITY;
     if (iso != 0) df_field_iso_range(field, &low, &high); /* 0 is what every field is made for */
     if (!isfinite(iso)) return df_fail(err, DF_ERROR_USAGE, "%s: iso %g is not a finite number", name, (double)iso);
-    if (!(field->value_min < iso && iso <= field->value_max)) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso,
-                       (double)field->value_min, (double)field->value_max);
-    }
+    if (!df_field_reaches(field, iso)) return no_surface(field, name, iso, err);
     if (!(low < iso && iso <= high)) {
         return df_fail(err, DF_ERROR_INPUT, "%s: the surface at iso %g leaves what is stored (above %g, up to %g)",
                        name, (double)iso, (double)low, (double)high);
@@ -711,9 +713,5 @@ df_status df_mc_extract(const df_field *field, const char *name, const df_mc_par
     }
     df_status status = field->kind == DF_FIELD_ADF ? df_mc_extract_octree(field, name, params, mesh, err)
                                                    : extract_grid(field, name, params, mesh, err);
-    if (status == DF_OK && !mesh->triangle_count) {
-        return df_fail(err, DF_ERROR_INPUT, "%s: no surface at iso %g: the values go from %g to %g", name, (double)iso,
-                       (double)field->value_min, (double)field->value_max);
-    }
-    return status;
+    return status == DF_OK && !mesh->triangle_count ? no_surface(field, name, iso, err) : status;
 }
