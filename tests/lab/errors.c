@@ -19,8 +19,8 @@ df_status lab_measure_errors(lab_session *session, const lab_subject *s, lab_fam
                    .seed = LAB_SEED,
                    .count = rays};
     df_status status = DF_OK;
-    run.truths = calloc(rays, sizeof *run.truths);
-    if (!run.truths) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for %" PRIu64 " truths", rays);
+    run.known = calloc(rays, sizeof *run.known);
+    if (!run.known) return df_fail(session->err, DF_ERROR_MEMORY, "no memory for the truths of %" PRIu64 " rays", rays);
     for (int m = 0; m < LAB_METHOD_COUNT && status == DF_OK; m++) {
         lab_score score = {0};
         run.solve = lab_methods[m].solve;
@@ -43,10 +43,10 @@ df_status lab_measure_errors(lab_session *session, const lab_subject *s, lab_fam
                            .ns_per_hit = -1};
         if (lab_row_have(session, s, &r)) continue;
         status = lab_measure(&run, &score, session->err);
-        run.truths_known = true;
+        run.is_known = true;
         if (status == DF_OK) status = lab_row_write(session, s, &r);
     }
-    free(run.truths);
+    free(run.known);
     return status;
 }
 
@@ -57,17 +57,17 @@ df_status lab_score_view(lab_session *session, const lab_subject *s, const df_ca
     double eye[3];
     df_field_world_to_grid(&s->field, camera->eye, eye);
     lab_run run = {.tracer = &df_tracer_dda, .scene = &s->scene, .seed = LAB_SEED, .count = rays, .eye = eye};
-    run.truths = calloc(rays, sizeof *run.truths);
-    df_status status = run.truths ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for truths");
+    run.known = calloc(rays, sizeof *run.known);
+    df_status status = run.known ? DF_OK : df_fail(session->err, DF_ERROR_MEMORY, "no memory for truths");
     for (int i = 0; i < count && status == DF_OK; i++) {
         run.solve = timings[i].options.solve;
         run.steps = timings[i].options.steps;
         run.precision = timings[i].options.precision;
         status = lab_measure(&run, &scores[i], session->err);
-        run.truths_known = true;
+        run.is_known = true;
         timings[i].row.score = &scores[i];
     }
-    free(run.truths);
+    free(run.known);
     return status;
 }
 

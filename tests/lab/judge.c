@@ -43,8 +43,8 @@ static df_status judge_family(const lab_subject *s, lab_family family, wanted *o
                    .seed = LAB_SEED,
                    .count = of->rays / FAMILY_COUNT};
     df_status status = DF_OK;
-    run.truths = calloc(run.count, sizeof *run.truths);
-    if (!run.truths) return df_fail(err, DF_ERROR_MEMORY, "no memory for truths");
+    run.known = calloc(run.count, sizeof *run.known);
+    if (!run.known) return df_fail(err, DF_ERROR_MEMORY, "no memory for truths");
     for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
         for (size_t i = 0; i < sizeof sets / sizeof sets[0] && status == DF_OK; i++) {
             lab_score score = {0};
@@ -54,12 +54,12 @@ static df_status judge_family(const lab_subject *s, lab_family family, wanted *o
             status = lab_measure(&run, &score, err);
             if (status != DF_OK) break;
             print_score(s->name, &run, &score);
-            run.truths_known = true;
+            run.is_known = true;
             of->failed += lab_score_errors(&score);
             of->runs++;
         }
     }
-    free(run.truths);
+    free(run.known);
     return status;
 }
 

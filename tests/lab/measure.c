@@ -98,15 +98,23 @@ static void chunk_close(chunk *c) {
     free(c);
 }
 
+static void make_ray(const lab_run *run, uint64_t index, lab_known *ray) {
+    const df_field *field = run->scene->field;
+    ray->made = true;
+    if (run->eye) lab_eye_ray(field, run->eye, run->seed, index, ray->origin, ray->direction);
+    else ray->made = lab_family_ray(field, run->family, run->seed, index, ray->origin, ray->direction);
+}
+
 static void chunk_fill(chunk *c, const lab_run *run, uint64_t first, uint64_t end) {
     const uint32_t *voxels = run->scene->voxel_count;
     const double box[3] = {voxels[0], voxels[1], voxels[2]};
     c->rays.count = 0;
     for (uint64_t i = first; i < end; i++) {
-        double origin[3], direction[3], scale;
-        if (run->eye) lab_eye_ray(run->scene->field, run->eye, run->seed, i, origin, direction);
-        else if (!lab_family_ray(run->scene->field, run->family, run->seed, i, origin, direction)) continue;
-        if (!df_rays_set(&c->rays, c->rays.count, box, origin, direction, &scale)) continue;
+        lab_known own = {0}, *known = run->known ? &run->known[i - run->first] : &own;
+        double scale;
+        if (!run->is_known) make_ray(run, i, known);
+        if (!known->made) continue;
+        if (!df_rays_set(&c->rays, c->rays.count, box, known->origin, known->direction, &scale)) continue;
         c->number[c->rays.count++] = i;
     }
     if (c->rays.count) df_rays_pad(&c->rays);
@@ -132,12 +140,12 @@ static void judge(const lab_run *run, const chunk *c, uint32_t i, lab_score *sco
         direction[a] = (double)c->rays.direction[a][i];
         length += direction[a] * direction[a];
     }
-    df_truth *known = run->truths ? &run->truths[c->number[i] - run->first] : NULL;
-    if (known && run->truths_known) truth = *known;
+    lab_known *known = run->known ? &run->known[c->number[i] - run->first] : NULL;
+    if (known && run->is_known) truth = known->truth;
     else if (run->mesh) lab_mesh_trace(run->mesh, origin, direction, &truth);
     else if (run->surface) lab_surface_trace(run->surface, box, origin, direction, &truth);
     else df_truth_trace(run->scene->field, run->scene->iso, origin, direction, &truth);
-    if (known) *known = truth;
+    if (known) known->truth = truth;
     score->rays++;
     if (truth.tangent) {
         score->tangent++;

@@ -42,6 +42,13 @@ typedef struct lab_score {
     } failures[LAB_FAILURES_KEPT];
 } lab_score;
 
+/* A ray of a run and its truth. */
+typedef struct lab_known {
+    bool made; /* false: the family cannot make this ray */
+    double origin[3], direction[3];
+    df_truth truth;
+} lab_known;
+
 typedef struct lab_run {
     const df_tracer *tracer;
     const df_scene *scene;
@@ -49,9 +56,9 @@ typedef struct lab_run {
     const lab_surface *surface; /* NULL: against the trilinear field */
     lab_family family;
     uint64_t seed, first, count; /* rays first .. first + count - 1 of the family */
-    df_truth *truths; /* NULL, or room for the truths of count rays: filled by the first run, used by those after it,
-                         which must differ in tracer, kernels, solve, steps and precision only */
-    bool truths_known;
+    lab_known *known; /* NULL, or count zeroed ones: filled by the first run, used by those after it, which must
+                         differ in tracer, kernels, solve, steps and precision only */
+    bool is_known;
     const lab_mesh *mesh;      /* against this instead; NULL: not */
     int precision;             /* DF_PRECISION_... of the solve */
     const double *eye;         /* grid space: rays from there to the field's box instead of the family's; NULL: not */

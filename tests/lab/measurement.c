@@ -99,7 +99,7 @@ static df_status measure_all_errors(lab_session *session, const lab_subject *s, 
     return status;
 }
 
-static uint64_t ray_scale(const lab_session *session) { return session->quick ? 4000 : 1000000; }
+static uint64_t ray_scale(const lab_session *session) { return session->quick ? 4000 : 250000; }
 
 static df_status find_floor(const lab_session *session, lab_subject *s) {
     return lab_subject_find_floor(s, session->quick ? 4000 : 40000, session->err);

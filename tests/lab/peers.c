@@ -78,7 +78,7 @@ static df_status score_peer(const lab_session *session, const lab_subject *s, co
     const bool any_ray = !tracer->own_methods || !tracer->suits || tracer->suits(&s->scene, NULL);
     /* the default is found by a tracer of views; its hits are those of every walk */
     if (!tracer->own_methods && !t->on_device) tracer = s->scene.levels ? &df_tracer_dda : &df_tracer_adf;
-    if (any_ray) return score_rays(s, tracer, session->quick ? 8000 : 1000000, score, err);
+    if (any_ray) return score_rays(s, tracer, session->quick ? 8000 : 250000, score, err);
     return score_picture(session, s, t, score, err);
 }
 

@@ -130,7 +130,7 @@ bool lab_all_timed(const lab_session *session, const lab_subject *s, lab_timing 
     return all;
 }
 
-uint32_t lab_picture_size(const lab_session *session) { return session->quick ? 128 : LAB_CHOICE_ROWS; }
+uint32_t lab_picture_size(const lab_session *session) { return session->quick ? 128 : 512; }
 
 static df_status measure_frames(lab_session *session, const lab_subject *s, const df_view *view, double distance,
                                 const df_picture *picture, lab_timing *timings, int count) {
