@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RAYS = 64, HEADER = 8 };
+enum { RAYS = 16, SIDE_MAX = 6, HEADER = 8 };
 
 typedef struct bytes {
     const uint8_t *data;
@@ -54,8 +54,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
     if (size <= HEADER) return 0;
     const df_field_kind kind = kinds[data[0] % 3];
-    const uint32_t brick = data[1] & 1 ? 8 : 4, count[3] = {1 + data[2] % 12, 1 + data[3] % 12, 1 + data[4] % 12};
-    const bytes values = {data + HEADER, size - HEADER, 13, ldexp(1, (int8_t)data[5])};
+    const uint32_t brick = data[1] & 1 ? 8 : 4,
+                   count[3] = {1 + data[2] % SIDE_MAX, 1 + data[3] % SIDE_MAX, 1 + data[4] % SIDE_MAX};
+    const bytes values = {data + HEADER, size - HEADER, SIDE_MAX + 1, ldexp(1, (int8_t)data[5])};
     df_field field = {0};
     df_scene scene = {0};
     df_error err = {0};

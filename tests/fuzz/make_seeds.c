@@ -1,5 +1,5 @@
 /* make_seeds FOLDER: writes the seed corpora: small valid inputs of every kind, in FOLDER/dfield, FOLDER/mesh,
- * FOLDER/exchange, FOLDER/trace and FOLDER/options. */
+ * FOLDER/arrays, FOLDER/vdb, FOLDER/trace and FOLDER/options. */
 #include "../fields.h"
 #include "common/field_file.h"
 #include "convert/array_file.h"
@@ -67,7 +67,7 @@ static void put_file(const char *corpus, const char *name, int first, const char
     remove(path);
 }
 
-static void put_exchange(void) {
+static void put_other_programs(void) {
     static const char *const names[] = {"sphere.npy", "sphere.nrrd", "sphere.vdb"};
     const uint32_t voxels[3] = {7, 5, 6};
     df_field field;
@@ -77,7 +77,7 @@ static void put_exchange(void) {
         char path[4096];
         snprintf(path, sizeof path, "%s/%s", folder, names[i]);
         if ((i < 2 ? df_array_write(&field, path, &err) : df_vdb_write(&field, 0, path, &err)) != DF_OK) exit(1);
-        put_file("exchange", names[i], i, path);
+        put_file(i < 2 ? "arrays" : "vdb", names[i], i < 2 ? i : -1, path);
     }
     df_field_free(&field);
 }
@@ -138,7 +138,7 @@ int main(int argc, char **argv) {
     if (mkdir(folder, 0777) != 0 && errno != EEXIST) return 1;
     put_fields();
     put_meshes();
-    put_exchange();
+    put_other_programs();
     put_traces();
     static const char *const options[] = {"256", "1280x1024", "-1.5e-3", "1,2.5,-3", "bricks", "z=0.5", "a b'c/d.obj"};
     for (size_t i = 0; i < sizeof options / sizeof options[0]; i++) {
