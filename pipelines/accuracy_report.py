@@ -8,6 +8,7 @@ accuracy_report.py --compare FOLDER OTHER says column by column where two runs d
 included, and exits with 1 when they do.
 """
 import base64
+import csv
 import html
 import math
 import os
@@ -132,6 +133,21 @@ def pictures(folder):
     return out
 
 
+def escapes_section(folder):
+    """What the full form sent from inside closed fields, all fields in one row; none of it may leave."""
+    path = os.path.join(folder, "escapes.csv")
+    if not os.path.exists(path):
+        return ""
+    sums = {}
+    with open(path, newline="") as file:
+        for r in csv.DictReader(file):
+            total = sums.setdefault((r["structure"], r["tracer"], r["isa"]), [0, 0, 0, 0])
+            for i, count in enumerate((1, int(r["traced"]), int(r["escaped"]), int(r["tangent"]))):
+                total[i] += count
+    table = html_table(["structure", "tracer", "instruction set", "fields", "rays", "escaped", "tangents without a hit"], [[*key, *total] for key, total in sums.items()])
+    return f"<h2>Nothing escapes</h2><p>Rays from inside closed fields, half of them exactly through corners, edges and faces: each must hit.</p><details><summary>The numbers</summary>{table}</details>"
+
+
 def counted_text(table):
     ways = {(r["counted"], r["isa"]) for r in table.rows if r["counted"]}
     return ", ".join(sorted(f"{way}, {isa}" for way, isa in ways)) or "no counter of the processor could be read, and valgrind is missing, so there are none"
@@ -174,6 +190,7 @@ Errors are those of the solver against the trilinear field in quad precision; ti
 The last columns are the clock: of the three fastest methods that are sound there and no less exact, the one that does best when its frames and those of the choice are drawn in pairs, and the median of their ratios in CPU time.</p>{auto_table(table)}</details>
 <h2>Against the mesh</h2><p>The whole pipeline: the mesh itself is the truth. What is left is the field's error; no solver that isolates changes it.</p><details><summary>The numbers</summary>{mesh_table(table)}</details>
 <h2>Error against bytes</h2><p>What is left of the exact surface when its samples are stored, whatever the solver.</p>{inline_svg(folder, "storage")}
+{escapes_section(folder)}
 <h2>Normals</h2>{inline_svg(folder, "gradients")}
 <details><summary>All rows</summary>{all_rows(table)}</details>
 </html>

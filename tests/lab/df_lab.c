@@ -8,9 +8,9 @@
  *
  *   df-lab count --quick|--full (FIELD SIZE all|choices)...
  *       draws once what measure times: it starts this under callgrind to count instructions
- *   df-lab escape [RAYS [TRACER [STRUCTURE]]]
+ *   df-lab escape [--table FILE.csv] [RAYS [TRACER [STRUCTURE]]]
  *       rays from inside closed fields of each structure, with every tracer (or TRACER on STRUCTURE): none may escape;
- *       those without a hit are printed, tangents apart
+ *       those without a hit are printed, tangents apart; runs without an escape go to FILE.csv and are not made again
  *   df-lab judge FIELD [RAYS [TRACER [ISA]]]
  *       the default method against the trilinear field's truth: rays of several families (1e6 in all) by every tracer
  *       that takes any ray (or TRACER) on every instruction set (or ISA), as CSV; fails where a ray outside the tangent
@@ -39,7 +39,7 @@ int main(int argc, char **argv) {
     } commands[] = {
         {"measure", "FILE.csv [--quick] [--uncounted] [FIELD...] [--choices FIELD...]", 1, lab_command_measure},
         {"count", "--quick|--full (FIELD SIZE all|choices)...", 4, lab_command_count},
-        {"escape", "[RAYS [TRACER [STRUCTURE]]]", 0, lab_command_escape},
+        {"escape", "[--table FILE.csv] [RAYS [TRACER [STRUCTURE]]]", 0, lab_command_escape},
         {"judge", "FIELD [RAYS [TRACER [ISA]]]", 1, lab_command_judge},
         {"filters", "[FIELD.dfield:MESH.obj...]", 0, lab_command_filters},
         {"field", "SHAPE SIZE FILE.dfield [PARAMETER]", 3, lab_command_field},

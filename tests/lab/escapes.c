@@ -1,9 +1,11 @@
 #include "commands.h"
+#include "common/version.h"
 #include "fields.h"
 #include "octree.h"
 #include "opencl_tracer.h"
 #include "render/methods/solve_methods.h"
 #include "subject.h"
+#include "table.h"
 #include "view_escapes.h"
 
 #include <inttypes.h>
@@ -18,6 +20,11 @@ enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
 
 typedef enum layout { DENSE, BRICKS, OCTREE, JUNCTIONS, STRUCTURE_COUNT } layout;
 static const char *const structure_names[] = {"dense", "bricks", "octree", "octree with junctions", NULL};
+
+/* Of --table: runs without an escape are not made again. The format counts as a part of the version. */
+#define TABLE_VERSION DF_VERSION "-1"
+#define TABLE_KEY_COLUMNS 5
+static const char table_columns[] = "field,structure,tracer,isa,rays,traced,escaped,tangent";
 
 static df_status make_structure(lab_shape shape, layout structure, df_field *field, df_error *err) {
     static const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
@@ -54,9 +61,10 @@ static bool takes_views(const df_tracer *tracer, const df_scene *scene) {
     return df_view_make(&camera, scene->field, 64, 64, &view, NULL) == DF_OK && tracer->suits(scene, &view);
 }
 
-static df_status count_tracer(const df_tracer *tracer, const df_scene *scene, uint64_t rays, lab_escapes *escapes,
-                              df_error *err) {
+static df_status count_tracer(const df_tracer *tracer, const df_scene *scene, const df_kernels *kernels, uint64_t rays,
+                              lab_escapes *escapes, df_error *err) {
     const lab_run run = {.tracer = tracer,
+                         .kernels = kernels,
                          .scene = scene,
                          .solve = DF_SOLVE_ROBUST,
                          .family = LAB_INSIDE,
@@ -67,11 +75,34 @@ static df_status count_tracer(const df_tracer *tracer, const df_scene *scene, ui
 }
 
 typedef struct tally {
+    const df_kernels *kernels;
+    lab_table table;    /* no file: none */
     const char *wanted; /* NULL: every tracer */
     uint64_t rays;      /* a field */
     uint64_t runs, escaped;
     bool no_device;
 } tally;
+
+/* One tracer in one field; escapes that are known to be none are not looked for again. */
+static df_status measure_tracer(const char *shape, const char *structure, const df_scene *scene,
+                                const df_tracer *tracer, tally *sum, df_error *err) {
+    char key[256], results[128];
+    lab_escapes escapes;
+    snprintf(key, sizeof key, "%s,%s,%s,%s,%" PRIu64, shape, structure, tracer->name,
+             tracer == &lab_tracer_opencl ? "device" : sum->kernels->isa, sum->rays);
+    if (sum->table.file && lab_table_has(&sum->table, key)) {
+        sum->runs++;
+        return DF_OK;
+    }
+    df_status status = count_tracer(tracer, scene, sum->kernels, sum->rays, &escapes, err);
+    if (status != DF_OK) return status;
+    print_escapes(shape, structure, tracer->name, &escapes);
+    sum->runs++;
+    sum->escaped += escapes.count;
+    if (!sum->table.file || escapes.count > 0) return DF_OK;
+    snprintf(results, sizeof results, "%" PRIu64 ",%" PRIu64 ",%" PRIu64, escapes.rays, escapes.count, escapes.tangent);
+    return lab_table_add(&sum->table, TABLE_VERSION, key, results, err);
+}
 
 static df_status measure_scene(const char *shape, const char *structure, const df_scene *scene, tally *sum,
                                df_error *err) {
@@ -83,18 +114,12 @@ static df_status measure_scene(const char *shape, const char *structure, const d
     }
     tracers[count++] = &lab_tracer_opencl;
     for (int i = 0; i < count && status == DF_OK; i++) {
-        lab_escapes escapes;
         if (sum->wanted && strcmp(sum->wanted, tracers[i]->name) != 0) continue;
-        status = count_tracer(tracers[i], scene, sum->rays, &escapes, err);
+        status = measure_tracer(shape, structure, scene, tracers[i], sum, err);
         if (status == DF_ERROR_UNSUPPORTED && tracers[i] == &lab_tracer_opencl) {
             sum->no_device = true;
             status = DF_OK;
-            continue;
         }
-        if (status != DF_OK) break;
-        print_escapes(shape, structure, tracers[i]->name, &escapes);
-        sum->runs++;
-        sum->escaped += escapes.count;
     }
     return status;
 }
@@ -116,15 +141,20 @@ static df_status measure_structure(layout structure, tally *sum, df_error *err) 
 }
 
 df_status lab_command_escape(int argc, char **argv, df_error *err) {
+    const char *path = NULL;
+    if (argc > 1 && strcmp(argv[0], "--table") == 0) path = argv[1], argc -= 2, argv += 2;
     tally sum = {.rays = (argc > 0 ? strtoull(argv[0], NULL, 10) : 100000000) / SHAPE_COUNT,
                  .wanted = argc > 1 ? argv[1] : NULL};
-    df_status status = DF_OK;
     if (sum.rays == 0)
         return df_fail(err, DF_ERROR_USAGE, "%s: rays are a number of at least %d", argv[0], SHAPE_COUNT);
+    df_status status = df_kernels_select("auto", &sum.kernels, err);
+    if (status == DF_OK && path)
+        status = lab_table_open(path, TABLE_VERSION, table_columns, TABLE_KEY_COLUMNS, &sum.table, err);
     for (int s = 0; s < STRUCTURE_COUNT && status == DF_OK; s++) {
         if (argc > 2 && strcmp(argv[2], structure_names[s]) != 0) continue;
         status = measure_structure((layout)s, &sum, err);
     }
+    lab_table_close(&sum.table);
     if (sum.no_device) fprintf(stderr, "df-lab: no OpenCL device: opencl was not measured\n");
     if (status == DF_OK && sum.escaped) return df_fail(err, DF_ERROR_INPUT, "%" PRIu64 " rays escaped", sum.escaped);
     if (status == DF_OK && sum.runs == 0) return df_fail(err, DF_ERROR_USAGE, "no such tracer or structure");
