@@ -12,9 +12,9 @@
  *       rays from inside closed fields of each structure, with every tracer (or TRACER on STRUCTURE): none may escape;
  *       those without a hit are printed, tangents apart; runs without an escape go to FILE.csv and are not made again
  *   df-lab judge FIELD [RAYS [TRACER [ISA]]]
- *       the default method against the trilinear field's truth: rays of several families (1e6 in all) by every tracer
- *       that takes any ray (or TRACER) on every instruction set (or ISA), as CSV; fails where a ray outside the tangent
- *       band is wrong
+ *       the default method against the trilinear field's truth: rays of several families (1e6 in all) and pictures from
+ *       outside and inside, by every tracer that takes them (or TRACER) on every instruction set (or ISA), as CSV;
+ *       fails where a ray outside the tangent band is wrong
  *   df-lab filters [FIELD.dfield:MESH.obj...]
  *       depth and normal errors by reconstruction filter
  *   df-lab field SHAPE SIZE FILE.dfield [PARAMETER]

@@ -60,15 +60,20 @@ void lab_score_merge(lab_score *into, const lab_score *from) {
         keep_failure(into, from->failures[i].ray, from->failures[i].kind);
 }
 
-void lab_score_pair(lab_score *score, const df_truth *truth, bool hit, double off) {
+void lab_score_pair(lab_score *score, uint64_t ray, const df_truth *truth, bool hit, double off) {
     score->rays++;
     if (truth->tangent) score->tangent++;
-    else if (hit != truth->hit) score->false_positive += hit, score->false_negative += truth->hit;
-    else if (!hit) score->true_negative++;
+    else if (hit != truth->hit) {
+        score->false_positive += hit;
+        score->false_negative += truth->hit;
+        keep_failure(score, ray, hit ? LAB_FALSE_POSITIVE : LAB_FALSE_NEGATIVE);
+    } else if (!hit) score->true_negative++;
     else {
         score->true_positive++;
-        score->leaks += !(off <= LAB_LEAK_VOXELS);
         lab_histogram_add(&score->depth, off);
+        if (off <= LAB_LEAK_VOXELS) return;
+        score->leaks++;
+        keep_failure(score, ray, LAB_LEAK);
     }
 }
 

@@ -94,7 +94,7 @@ void lab_escapes_judge(lab_escapes *escapes, const df_scene *scene, lab_escape e
 void lab_escapes_sort(lab_escapes *escapes);
 
 /* A ray counted whose truth is known: what it hit was `off` voxels off. */
-void lab_score_pair(lab_score *score, const df_truth *truth, bool hit, double off);
+void lab_score_pair(lab_score *score, uint64_t ray, const df_truth *truth, bool hit, double off);
 
 void lab_score_merge(lab_score *into, const lab_score *from);
 /* False positives, false negatives, leaks and wrong faces. */

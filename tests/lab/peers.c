@@ -3,7 +3,7 @@
 #include "render/methods/gradient.h"
 #include "render/methods/solve_methods.h"
 #include "times.h"
-#include "view_ray.h"
+#include "view_truth.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -26,48 +26,25 @@ static df_status score_rays(const lab_subject *s, const df_tracer *tracer, uint6
     return lab_measure(&run, score, err);
 }
 
-/* The depths of a picture, which are floats, against the truth of each pixel. */
-static df_status score_depths(const lab_subject *s, const df_view *view, const float *depth, lab_score *score,
-                              df_error *err) {
-    const uint32_t count = view->width * view->height;
-    df_rays rays;
-    df_status status = df_rays_alloc(count, true, &rays, err);
-    if (status != DF_OK) return status;
-    df_view_rays(view, &df_kernels_scalar, 0, 0, view->width, view->height, &rays);
-#pragma omp parallel
-    {
-        lab_score mine = {0};
-#pragma omp for schedule(dynamic, 256)
-        for (uint32_t i = 0; i < count; i++) {
-            double o[3], d[3];
-            const double length = lab_view_ray(&rays, i, o, d);
-            df_truth truth;
-            df_truth_trace(&s->field, 0, o, d, &truth);
-            lab_score_pair(&mine, &truth, isfinite(depth[i]),
-                           fabs((double)depth[i] / s->field.voxel_size[0] - (double)truth.t * length));
-        }
-#pragma omp critical
-        lab_score_merge(score, &mine);
-    }
-    df_rays_free(&rays);
-    return DF_OK;
-}
-
 static df_status score_picture(const lab_session *session, const lab_subject *s, const lab_timing *t, lab_score *score,
                                df_error *err) {
     const uint32_t size = lab_picture_size(session);
-    float *depth = malloc(sizeof *depth * size * size);
+    const uint64_t count = (uint64_t)size * size;
+    float *depth = malloc(count * sizeof *depth);
+    lab_known *pixels = calloc(count, sizeof *pixels);
     const df_picture picture = {.width = size, .height = size, .depth = depth};
     df_renderer *renderer = NULL;
     df_camera camera;
     df_view view;
-    df_status status = depth ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
+    df_status status = depth && pixels ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
     lab_camera(&s->field, LAB_CHART_DISTANCE, &camera);
     if (status == DF_OK) status = df_view_make(&camera, &s->field, size, size, &view, err);
+    if (status == DF_OK) status = lab_view_truths(&s->scene, &view, pixels, err);
     if (status == DF_OK) status = df_renderer_open(&s->scene, &t->options, size, size, &renderer, err);
     if (status == DF_OK) status = df_renderer_frame(renderer, &view, &picture, NULL, err);
-    if (status == DF_OK) status = score_depths(s, &view, depth, score, err);
+    if (status == DF_OK) lab_score_depths(&s->field, pixels, count, 0, depth, score);
     df_renderer_close(renderer);
+    free(pixels);
     free(depth);
     return status;
 }

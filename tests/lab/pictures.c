@@ -9,6 +9,7 @@
 #include "render/settings.h"
 #include "subject.h"
 #include "view_ray.h"
+#include "view_truth.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -36,54 +37,37 @@ static void error_colour(double error, uint8_t rgb[3]) {
 
 enum { MAP_SIZE = 320, MAP_PIXELS = MAP_SIZE * MAP_SIZE };
 
-/* A view of a field, and what is really to be seen there: distances from the eye, INFINITY for nothing. */
+/* A view of a field, and what is really to be seen there. */
 typedef struct map {
     lab_surface surface;
     df_field field;
     df_scene scene;
     df_view view;
-    double *depth;
-    float *drawn; /* the same as a solve has it */
+    lab_known *pixels;
+    float *drawn; /* depths, as a solve has them */
     uint8_t *rgb;
 } map;
-
-static df_status find_true_depth(map *m, df_error *err) {
-    df_rays rays = {0};
-    df_status status = df_rays_alloc(MAP_PIXELS, true, &rays, err);
-    if (status != DF_OK) return status;
-    df_view_rays(&m->view, &df_kernels_scalar, 0, 0, MAP_SIZE, MAP_SIZE, &rays);
-#pragma omp parallel for schedule(dynamic, 256)
-    for (uint32_t i = 0; i < MAP_PIXELS; i++) {
-        double o[3], d[3];
-        const double length = lab_view_ray(&rays, i, o, d);
-        df_truth truth;
-        df_truth_trace(&m->field, 0, o, d, &truth);
-        m->depth[i] = truth.hit ? (double)truth.t * length : (double)INFINITY;
-    }
-    df_rays_free(&rays);
-    return DF_OK;
-}
 
 static df_status map_open(map *m, const char *shape, uint32_t size, double parameter, df_error *err) {
     const df_scene_options options = {0};
     df_camera camera;
-    *m = (map){.depth = malloc(sizeof(double) * MAP_PIXELS),
+    *m = (map){.pixels = calloc(MAP_PIXELS, sizeof(lab_known)),
                .drawn = malloc(sizeof(float) * MAP_PIXELS),
                .rgb = malloc(3 * MAP_PIXELS)};
-    if (!m->depth || !m->drawn || !m->rgb) return df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
+    if (!m->pixels || !m->drawn || !m->rgb) return df_fail(err, DF_ERROR_MEMORY, "no memory for a picture");
     df_status status = lab_field_make(shape, size, parameter, DF_FIELD_BRICKS, &m->surface, &m->field, err);
     if (status == DF_OK) status = df_scene_prepare(&m->field, 0, &options, &m->scene, err);
     if (status != DF_OK) return status;
     df_camera_orbit(&m->field, 30, 20, 1.6, &camera);
     camera.fov_y = 0.75;
     status = df_view_make(&camera, &m->field, MAP_SIZE, MAP_SIZE, &m->view, err);
-    return status == DF_OK ? find_true_depth(m, err) : status;
+    return status == DF_OK ? lab_view_truths(&m->scene, &m->view, m->pixels, err) : status;
 }
 
 static void map_close(map *m) {
     df_scene_free(&m->scene);
     df_field_free(&m->field);
-    free(m->depth);
+    free(m->pixels);
     free(m->drawn);
     free(m->rgb);
 }
@@ -97,12 +81,13 @@ static df_status map_draw(map *m, int solve, const char *path, df_error *err) {
     df_renderer_close(renderer);
     if (status != DF_OK) return status;
     for (size_t i = 0; i < MAP_PIXELS; i++) {
-        const bool hit = isfinite(m->drawn[i]), exists = isfinite(m->depth[i]);
+        const double depth = lab_known_depth(&m->field, &m->pixels[i]);
+        const bool hit = isfinite(m->drawn[i]), exists = m->pixels[i].truth.hit;
         uint8_t *c = m->rgb + 3 * i;
         if (!hit && !exists) memset(c, 120, 3);
         else if (!hit) c[0] = 255, c[1] = 0, c[2] = 255;
         else if (!exists) memset(c, 255, 3);
-        else error_colour(fabs((double)m->drawn[i] - m->depth[i]), c);
+        else error_colour(fabs((double)m->drawn[i] - depth), c);
     }
     return df_image_write_png(path, m->rgb, MAP_SIZE, MAP_SIZE, NULL, 0, err);
 }

@@ -69,7 +69,7 @@ static df_status measure_storage(lab_session *session, const char *name, const l
             lab_surface_trace(surface, box, o, d, &exact);
             const double off = fabs((double)(stored.t - exact.t)) * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
             exact.tangent |= stored.tangent;
-            lab_score_pair(&mine, &exact, stored.hit, off);
+            lab_score_pair(&mine, i, &exact, stored.hit, off);
         }
 #pragma omp critical
         lab_score_merge(&score, &mine);

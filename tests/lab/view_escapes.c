@@ -1,8 +1,8 @@
 #include "view_escapes.h"
-#include "random.h"
 #include "render/frame.h"
 #include "render/methods/solve_methods.h"
 #include "view_ray.h"
+#include "view_truth.h"
 
 #include <math.h>
 #include <omp.h>
@@ -37,23 +37,6 @@ static void pictures_close(pictures *p) {
     free(p->walked);
 }
 
-/* A camera that looks at a random point of the field, from inside the solid or from anywhere up to three sides away. */
-static bool random_camera(const df_field *field, uint64_t seed, uint64_t index, bool inside, df_camera *camera) {
-    uint64_t state = seed + 0x632BE59BD9B4E019u * (index + 1);
-    double away[3], eye[3], at[3];
-    lab_random_bits(&state);
-    if (inside && !lab_family_ray(field, LAB_INSIDE, seed, index, eye, away)) return false;
-    const double distance = pow(2, lab_random(&state, -1, 1.5)) * field->voxel_count[0];
-    if (!inside) lab_random_direction(&state, away);
-    for (int a = 0; a < 3 && !inside; a++) eye[a] = field->voxel_count[a] / 2.0 + distance * away[a];
-    for (int a = 0; a < 3; a++) at[a] = lab_random(&state, 0, field->voxel_count[a]);
-    df_field_grid_to_world(field, eye, camera->eye);
-    df_field_grid_to_world(field, at, camera->look_at);
-    lab_random_direction(&state, camera->up);
-    camera->fov_y = lab_random(&state, 0.3, 2);
-    return true;
-}
-
 /* The pixels of one picture, numbered from `first`. */
 static void judge_picture(const pictures *p, const df_scene *scene, bool inside, uint64_t first, lab_escapes *escapes) {
     for (uint32_t i = 0; i < PIXELS; i++) {
@@ -77,7 +60,7 @@ df_status lab_count_view_escapes(const df_tracer *tracer, const df_scene *scene,
         const bool inside = n % 2 == 0;
         df_camera camera;
         df_view view;
-        if (!random_camera(scene->field, seed, n, inside, &camera)) continue;
+        if (!lab_random_camera(scene->field, seed, n, &camera)) continue;
         status = df_view_make(&camera, scene->field, SIZE, SIZE, &view, err);
         if (status != DF_OK || !tracer->suits(scene, &view)) continue;
         status = df_renderer_frame(p.renderer, &view, &drawn, NULL, err);
