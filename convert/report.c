@@ -65,25 +65,25 @@ char *df_report_provenance(const df_convert_report *r, const df_field *field, js
 }
 
 /* ", 12 of them welded" for counts that are not zero. */
-static void print_count(uint64_t count, const char *what) {
-    if (count) printf(", %" PRIu64 " %s", count, what);
+static void print_count(uint64_t count, const char *one, const char *more) {
+    if (count) printf(", %" PRIu64 " %s", count, count == 1 ? one : more);
 }
 
 static void print_repair(const df_convert_report *r) {
     const df_mesh_repairs *d = &r->repairs;
     printf("repaired  %" PRIu32 " vertices, %" PRIu32 " triangles read", r->repair_cleaning.vertices_read,
            r->repair_cleaning.faces_read);
-    print_count(r->repair_cleaning.welded, "vertices welded");
-    print_count(r->repair_cleaning.degenerate, "degenerate triangles dropped");
-    print_count(r->repair_cleaning.duplicate, "duplicate triangles dropped");
-    print_count(r->repair_cleaning.reversed, "reversed copies dropped");
-    print_count(r->repair_flips, "triangles flipped");
-    print_count(r->repair_turned, "bodies turned");
-    print_count(d->split_vertices, "vertices split");
-    print_count(d->stitched, "pairs of edges stitched");
-    print_count(d->holes_filled, "holes filled");
-    print_count(d->faces_added, "triangles added");
-    print_count(d->holes_left, "holes left");
+    print_count(r->repair_cleaning.welded, "vertex welded", "vertices welded");
+    print_count(r->repair_cleaning.degenerate, "degenerate triangle dropped", "degenerate triangles dropped");
+    print_count(r->repair_cleaning.duplicate, "duplicate triangle dropped", "duplicate triangles dropped");
+    print_count(r->repair_cleaning.reversed, "reversed copy dropped", "reversed copies dropped");
+    print_count(r->repair_flips, "triangle flipped", "triangles flipped");
+    print_count(r->repair_turned, "body turned", "bodies turned");
+    print_count(d->split_vertices, "vertex split", "vertices split");
+    print_count(d->stitched, "pair of edges stitched", "pairs of edges stitched");
+    print_count(d->holes_filled, "hole filled", "holes filled");
+    print_count(d->faces_added, "triangle added", "triangles added");
+    print_count(d->holes_left, "hole left", "holes left");
     printf("\n");
 }
 
@@ -92,34 +92,36 @@ static void print_mesh(const df_convert_report *r) {
     printf("read      %" PRIu32 " vertices, %" PRIu32 " triangles in %.0f ms\n", r->cleaning.vertices_read,
            r->cleaning.faces_read, r->read_ms);
     printf("cleaned   %" PRIu32 " vertices, %" PRIu32 " triangles", r->vertices, r->faces);
-    print_count(r->cleaning.welded, "vertices welded");
-    print_count(r->cleaning.unreferenced, "unused vertices dropped");
-    print_count(r->cleaning.degenerate, "degenerate triangles dropped");
-    print_count(r->cleaning.duplicate, "duplicate triangles dropped");
-    print_count(r->cleaning.reversed, "reversed copies dropped");
-    print_count(r->cleaning.zero_area, "triangles without area");
+    print_count(r->cleaning.welded, "vertex welded", "vertices welded");
+    print_count(r->cleaning.unreferenced, "unused vertex dropped", "unused vertices dropped");
+    print_count(r->cleaning.degenerate, "degenerate triangle dropped", "degenerate triangles dropped");
+    print_count(r->cleaning.duplicate, "duplicate triangle dropped", "duplicate triangles dropped");
+    print_count(r->cleaning.reversed, "reversed copy dropped", "reversed copies dropped");
+    print_count(r->cleaning.zero_area, "triangle without area", "triangles without area");
     printf("; %.0f ms\n", r->clean_ms);
     printf("mesh      %s", r->edges.border_count ? "not closed" : "closed");
-    print_count(r->edges.boundary, "boundary edges");
-    print_count(r->edges.non_manifold, "edges of more than two faces");
-    print_count(r->edges.misoriented, "edges between faces of opposite orientation");
+    print_count(r->edges.boundary, "boundary edge", "boundary edges");
+    print_count(r->edges.non_manifold, "edge of more than two faces", "edges of more than two faces");
+    print_count(r->edges.misoriented, "edge between faces of opposite orientation",
+                "edges between faces of opposite orientation");
     printf("\n");
 }
 
 static void print_signs(const df_convert_report *r, const df_field *field) {
     printf("signs     by %s in %.0f ms: %s", r->sign_method, r->build.sign_ms, df_verdict_name(field->verdict));
     if (r->sign_reason) printf(": %s", r->sign_reason);
-    print_count(r->flipped_faces, "faces flipped");
-    print_count(r->unorientable_edges, "edges where faces cannot agree");
-    print_count(r->inverted_components, "bodies turned");
-    print_count(r->holes, "holes");
-    print_count(r->build.wall_count, "changes of sign away from the surface");
+    print_count(r->flipped_faces, "face flipped", "faces flipped");
+    print_count(r->unorientable_edges, "edge where faces cannot agree", "edges where faces cannot agree");
+    print_count(r->inverted_components, "body turned", "bodies turned");
+    print_count(r->holes, "hole", "holes");
+    print_count(r->build.wall_count, "change of sign away from the surface", "changes of sign away from the surface");
     if (r->build.wall_count) {
         printf(" (first at %g %g %g)", r->build.wall_place[0], r->build.wall_place[1], r->build.wall_place[2]);
     }
-    print_count(r->sign_checks, "points checked");
-    print_count(r->sign_contradictions, "contradictions");
-    print_count(r->build.lost_features, "coarse cells crossed without a change of sign");
+    print_count(r->sign_checks, "point checked", "points checked");
+    print_count(r->sign_contradictions, "contradiction", "contradictions");
+    print_count(r->build.lost_features, "coarse cell crossed without a change of sign",
+                "coarse cells crossed without a change of sign");
     printf("\n");
 }
 
