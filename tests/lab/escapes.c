@@ -61,19 +61,6 @@ static bool takes_views(const df_tracer *tracer, const df_scene *scene) {
     return df_view_make(&camera, scene->field, 64, 64, &view, NULL) == DF_OK && tracer->suits(scene, &view);
 }
 
-static df_status count_tracer(const df_tracer *tracer, const df_scene *scene, const df_kernels *kernels, uint64_t rays,
-                              lab_escapes *escapes, df_error *err) {
-    const lab_run run = {.tracer = tracer,
-                         .kernels = kernels,
-                         .scene = scene,
-                         .solve = DF_SOLVE_ROBUST,
-                         .family = LAB_INSIDE,
-                         .seed = LAB_SEED,
-                         .count = rays};
-    if (takes_rays(tracer, scene)) return lab_count_escapes(&run, escapes, err);
-    return lab_count_view_escapes(tracer, scene, LAB_SEED, rays, escapes, err);
-}
-
 typedef struct tally {
     const df_kernels *kernels;
     lab_table table;    /* no file: none */
@@ -83,44 +70,88 @@ typedef struct tally {
     bool no_device;
 } tally;
 
-/* One tracer in one field; escapes that are known to be none are not looked for again. */
-static df_status measure_tracer(const char *shape, const char *structure, const df_scene *scene,
-                                const df_tracer *tracer, tally *sum, df_error *err) {
-    char key[256], results[128];
+/* A tracer in a field. */
+typedef struct contest {
+    const df_tracer *tracer;
+    char key[256]; /* of its row */
     lab_escapes escapes;
-    snprintf(key, sizeof key, "%s,%s,%s,%s,%" PRIu64, shape, structure, tracer->name,
-             tracer == &lab_tracer_opencl ? "device" : sum->kernels->isa, sum->rays);
-    if (sum->table.file && lab_table_has(&sum->table, key)) {
-        sum->runs++;
-        return DF_OK;
-    }
-    df_status status = count_tracer(tracer, scene, sum->kernels, sum->rays, &escapes, err);
-    if (status != DF_OK) return status;
-    print_escapes(shape, structure, tracer->name, &escapes);
+} contest;
+enum { CONTESTS_MAX = 16, SLAB_RAYS = 1 << 20 };
+
+static df_status finish_contest(contest *c, const char *shape, const char *structure, tally *sum, df_error *err) {
+    char results[128];
+    lab_escapes_sort(&c->escapes);
+    print_escapes(shape, structure, c->tracer->name, &c->escapes);
     sum->runs++;
-    sum->escaped += escapes.count;
-    if (!sum->table.file || escapes.count > 0) return DF_OK;
-    snprintf(results, sizeof results, "%" PRIu64 ",%" PRIu64 ",%" PRIu64, escapes.rays, escapes.count, escapes.tangent);
-    return lab_table_add(&sum->table, TABLE_VERSION, key, results, err);
+    sum->escaped += c->escapes.count;
+    if (!sum->table.file || c->escapes.count > 0) return DF_OK;
+    snprintf(results, sizeof results, "%" PRIu64 ",%" PRIu64 ",%" PRIu64, c->escapes.rays, c->escapes.count,
+             c->escapes.tangent);
+    return lab_table_add(&sum->table, TABLE_VERSION, c->key, results, err);
+}
+
+/* The same rays by each tracer: to find them takes longer than to trace them. *count: those that remain, without a
+ * device that is not there. */
+static df_status send_rays(contest *contests, int *count, const df_scene *scene, tally *sum, df_error *err) {
+    df_status status = DF_OK;
+    lab_known *known = malloc(SLAB_RAYS * sizeof *known);
+    if (!known) return df_fail(err, DF_ERROR_MEMORY, "no memory for rays");
+    for (uint64_t first = 0; first < sum->rays && status == DF_OK; first += SLAB_RAYS) {
+        const uint64_t left = sum->rays - first;
+        lab_run run = {.kernels = sum->kernels,
+                       .scene = scene,
+                       .solve = DF_SOLVE_ROBUST,
+                       .family = LAB_INSIDE,
+                       .seed = LAB_SEED,
+                       .first = first,
+                       .count = left < SLAB_RAYS ? left : SLAB_RAYS,
+                       .known = known};
+        memset(known, 0, run.count * sizeof *known);
+        for (int i = 0; i < *count && status == DF_OK; i++) {
+            lab_escapes escapes;
+            run.tracer = contests[i].tracer;
+            status = lab_count_escapes(&run, &escapes, err);
+            if (status == DF_OK) lab_escapes_merge(&contests[i].escapes, &escapes);
+            run.is_known = true;
+            if (status != DF_ERROR_UNSUPPORTED || run.tracer != &lab_tracer_opencl) continue;
+            sum->no_device = true;
+            status = DF_OK;
+            --*count; /* it is the last */
+        }
+    }
+    free(known);
+    return status;
+}
+
+/* Whether a tracer is wanted, and its rays are not known to stay in. */
+static bool begin_contest(contest *c, const char *shape, const char *structure, const df_tracer *tracer, tally *sum) {
+    *c = (contest){.tracer = tracer};
+    if (sum->wanted && strcmp(sum->wanted, tracer->name) != 0) return false;
+    snprintf(c->key, sizeof c->key, "%s,%s,%s,%s,%" PRIu64, shape, structure, tracer->name,
+             tracer == &lab_tracer_opencl ? "device" : sum->kernels->isa, sum->rays);
+    if (!sum->table.file || !lab_table_has(&sum->table, c->key)) return true;
+    sum->runs++;
+    return false;
 }
 
 static df_status measure_scene(const char *shape, const char *structure, const df_scene *scene, tally *sum,
                                df_error *err) {
-    const df_tracer *tracers[16];
+    contest *contests = calloc(CONTESTS_MAX, sizeof *contests);
     int count = 0;
-    df_status status = DF_OK;
-    for (const df_tracer *const *tracer = df_tracers; *tracer; tracer++) {
-        if (takes_rays(*tracer, scene) || takes_views(*tracer, scene)) tracers[count++] = *tracer;
-    }
-    tracers[count++] = &lab_tracer_opencl;
-    for (int i = 0; i < count && status == DF_OK; i++) {
-        if (sum->wanted && strcmp(sum->wanted, tracers[i]->name) != 0) continue;
-        status = measure_tracer(shape, structure, scene, tracers[i], sum, err);
-        if (status == DF_ERROR_UNSUPPORTED && tracers[i] == &lab_tracer_opencl) {
-            sum->no_device = true;
-            status = DF_OK;
+    df_status status = contests ? DF_OK : df_fail(err, DF_ERROR_MEMORY, "no memory for tracers");
+    for (const df_tracer *const *tracer = df_tracers; *tracer && status == DF_OK; tracer++) {
+        contest *next = &contests[count];
+        if (takes_rays(*tracer, scene)) count += begin_contest(next, shape, structure, *tracer, sum);
+        else if (takes_views(*tracer, scene) && begin_contest(next, shape, structure, *tracer, sum)) {
+            status = lab_count_view_escapes(*tracer, scene, LAB_SEED, sum->rays, &next->escapes, err);
+            if (status == DF_OK) status = finish_contest(next, shape, structure, sum, err);
         }
     }
+    if (status == DF_OK) count += begin_contest(&contests[count], shape, structure, &lab_tracer_opencl, sum);
+    if (status == DF_OK && count > 0) status = send_rays(contests, &count, scene, sum, err);
+    for (int i = 0; i < count && status == DF_OK; i++)
+        status = finish_contest(&contests[i], shape, structure, sum, err);
+    free(contests);
     return status;
 }
 

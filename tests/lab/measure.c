@@ -276,6 +276,13 @@ static int compare_escapes(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
+void lab_escapes_merge(lab_escapes *into, const lab_escapes *from) {
+    into->rays += from->rays;
+    into->count += from->count;
+    into->tangent += from->tangent;
+    for (uint32_t i = 0; i < from->kept_count; i++) keep_escape(into, from->kept[i]);
+}
+
 void lab_escapes_sort(lab_escapes *escapes) {
     qsort(escapes->kept, escapes->kept_count, sizeof *escapes->kept, compare_escapes);
 }
@@ -288,12 +295,7 @@ df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *
     for (int i = 0; i < threads && status == DF_OK; i++) results[i] = &sums[i];
     if (status == DF_OK) status = for_each_chunk(run, count_chunk, results, err);
     memset(escapes, 0, sizeof *escapes);
-    for (int i = 0; i < threads && status == DF_OK; i++) {
-        escapes->rays += sums[i].rays;
-        escapes->count += sums[i].count;
-        escapes->tangent += sums[i].tangent;
-        for (uint32_t n = 0; n < sums[i].kept_count; n++) keep_escape(escapes, sums[i].kept[n]);
-    }
+    for (int i = 0; i < threads && status == DF_OK; i++) lab_escapes_merge(escapes, &sums[i]);
     lab_escapes_sort(escapes);
     free(sums);
     free(results);

@@ -90,6 +90,7 @@ df_status lab_count_escapes(const lab_run *run, lab_escapes *escapes, df_error *
 
 /* Asks the truth about a ray without a hit and counts it. `escape` has its number, origin and direction. */
 void lab_escapes_judge(lab_escapes *escapes, const df_scene *scene, lab_escape escape);
+void lab_escapes_merge(lab_escapes *into, const lab_escapes *from);
 /* Puts those that are kept in order. */
 void lab_escapes_sort(lab_escapes *escapes);
 
