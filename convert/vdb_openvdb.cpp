@@ -52,9 +52,9 @@ openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
 
 // Limits the memory of this process to what it has and what a file of some size can hold: a node of 32^3 children takes
 // 256 kB in memory and 4 kB or more in the file. A sanitizer has reserved far more already.
-constexpr double bytes_per_byte = 128, bytes_more = 512 << 20;
 void limit_memory(const char *path) {
 #ifndef DF_SANITIZED
+    constexpr double bytes_per_byte = 128, bytes_more = 512 << 20;
     struct stat info;
     unsigned long long pages = 0;
     std::FILE *own = std::fopen("/proc/self/statm", "re");
