@@ -44,9 +44,11 @@ static df_status parse_npy(const char *path, const char *header, array *out, df_
     if (!type || !order || !shape || (strncmp(order, "True", 4) != 0 && strncmp(order, "False", 5) != 0)) {
         return df_fail(err, DF_ERROR_FORMAT, "%s: its header does not say 'descr', 'fortran_order' and 'shape'", path);
     }
-    bool known = *type == '\'' && strchr("<>", type[1]) && type[2] == 'f' && (type[3] == '4' || type[3] == '8') &&
-                 type[4] == '\'';
-    if (!known)
+    static const char *const known[] = {"'<f4'", "'<f8'", "'>f4'", "'>f8'"};
+    const size_t known_count = sizeof known / sizeof known[0], quoted = 5;
+    size_t kind = 0;
+    while (kind < known_count && strncmp(type, known[kind], quoted) != 0) kind++;
+    if (kind == known_count)
         return df_fail(err, DF_ERROR_INPUT, "%s: its elements are %.*s; known are '<f4' and '<f8'", path,
                        (int)strcspn(type, ",}"), type);
     out->big_endian = type[1] == '>';
