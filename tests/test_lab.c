@@ -4,6 +4,7 @@
  */
 #include "fields.h"
 #include "lab/measure.h"
+#include "lab/octree.h"
 #include "render/methods/solve_methods.h"
 
 #include <math.h>
@@ -286,6 +287,35 @@ static void tangents_are_told_apart_from_escapes(void **unused) {
     close_scene(&f);
 }
 
+/* Of 1e8 rays in octrees whose leaves do not fit, four more, in the shell: rounded to float each starts on a face where
+ * one leaf says inside, and goes into the other, which says outside. */
+static void rays_from_faces_that_do_not_fit_are_tangent(void **unused) {
+    (void)unused;
+    const uint64_t rays[] = {5834183, 9694767, 14765015};
+    const lab_surface shell = lab_surface_make(LAB_SHELL, 64, 0);
+    const df_scene_options options = {0};
+    df_field field;
+    df_scene scene;
+    df_error err;
+    df_status status = lab_octree_make(&shell, 6, 0.3, LAB_SEED, &field, &err);
+    if (status == DF_OK) status = df_scene_prepare(&field, 0, &options, &scene, &err);
+    if (status != DF_OK) fail_msg("%s", err.text);
+    for (int i = 0; i < 3; i++) {
+        lab_escapes escapes;
+        const lab_run run = {.tracer = &df_tracer_adf,
+                             .scene = &scene,
+                             .solve = DF_SOLVE_ROBUST,
+                             .family = LAB_INSIDE,
+                             .seed = LAB_SEED,
+                             .first = rays[i],
+                             .count = 1};
+        if (lab_count_escapes(&run, &escapes, &err)) fail_msg("%s", err.text);
+        assert_true(escapes.count == 0 && escapes.tangent == 1);
+    }
+    df_scene_free(&scene);
+    df_field_free(&field);
+}
+
 /* The exact surface: what the field loses, and no solver can find. */
 static void the_error_of_the_field_is_that_of_its_samples(void **unused) {
     (void)unused;
@@ -322,6 +352,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(tracers_and_structures_make_no_error_either),
         cmocka_unit_test(nothing_escapes_from_a_closed_field),
         cmocka_unit_test(tangents_are_told_apart_from_escapes),
+        cmocka_unit_test(rays_from_faces_that_do_not_fit_are_tangent),
         cmocka_unit_test(the_error_of_the_field_is_that_of_its_samples),
     };
     if (argc > 1) ray_count = strtoull(argv[1], NULL, 10);

@@ -261,6 +261,26 @@ static void trace(search *r, walk *w, const df_field *field, float iso, quad t) 
     }
 }
 
+/* Whether a place lies on a face, or within `band` of one, where two leaves differ in its side: on the surface, as far
+ * as anyone can tell. */
+static bool starts_on_jump(const df_field *field, float iso, const double origin[3], double band) {
+    bool any[2] = {false, false};
+    for (int n = 0; n < 8; n++) {
+        double at[3], local[3];
+        float corners[8];
+        df_adf_cell cell;
+        for (int a = 0; a < 3; a++) {
+            if (origin[a] < 0 || origin[a] > field->voxel_count[a]) return false;
+            at[a] = fmin(fmax(origin[a] + (n >> a & 1 ? band : -band), 0), field->voxel_count[a]);
+        }
+        df_adf_find(field, at, DF_LEVEL_COUNT_MAX, &cell);
+        df_adf_corners(field, cell.family, cell.child, corners);
+        for (int a = 0; a < 3; a++) local[a] = fmin(fmax((origin[a] - cell.corner[a]) / cell.side, 0), 1);
+        any[df_trilinear(corners, local) < (double)iso] = true;
+    }
+    return any[0] && any[1];
+}
+
 void df_truth_trace(const df_field *field, float iso, const double origin[3], const double direction[3],
                     df_truth *out) {
     walk w;
@@ -286,6 +306,7 @@ void df_truth_trace(const df_field *field, float iso, const double origin[3], co
     out->t = r.t;
     /* a ray that ends in the band, or only cuts a corner of the box */
     out->tangent = r.tangent || (r.run && !r.done) || (w.t_end - t_start) * r.length < 10 * r.band;
+    if (r.jumps && starts_on_jump(field, iso, origin, out->band)) out->tangent = true;
 }
 
 static void voxel_field(const float corners[8], df_field *field) {

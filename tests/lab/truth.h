@@ -12,7 +12,8 @@
  *
  * Ill-posed rays are told apart, not judged: `tangent` is set when moving the surface by the tangent band of the
  * renderer (1e-6 voxel + 2 float ulp of the walk's largest coordinate) could turn a hit into a miss or move it far
- * away: the ray starts or ends in the band, turns around in it, or runs along it for more than DF_TRUTH_RUN_MAX voxels.
+ * away: the ray starts or ends in the band, turns around in it, or runs along it for more than DF_TRUTH_RUN_MAX voxels;
+ * or it starts within the band of a face where two leaves differ in the side of its origin.
  */
 #ifndef DF_TESTS_TRUTH_H
 #define DF_TESTS_TRUTH_H
