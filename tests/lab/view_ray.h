@@ -4,17 +4,11 @@
 
 #include "render/view.h"
 
-#include <math.h>
-
-/* Returns the length of the direction. */
-static inline double lab_view_ray(const df_rays *rays, uint32_t i, double origin[3], double direction[3]) {
-    double square = 0;
+static inline void lab_view_ray(const df_rays *rays, uint32_t i, double origin[3], double direction[3]) {
     for (int a = 0; a < 3; a++) {
         origin[a] = (double)rays->origin[a][rays->shared_origin ? 0 : i];
         direction[a] = (double)rays->direction[a][i];
-        square += direction[a] * direction[a];
     }
-    return sqrt(square);
 }
 
 #endif
