@@ -446,8 +446,8 @@ static void arbitrary_rays_hit_what_the_scalar_tracer_hits(void **state) {
         make_scene(&structures[s], DF_SAMPLE_F32, 0, &field, &scene);
         const double box[3] = {scene.voxel_count[0], scene.voxel_count[1], scene.voxel_count[2]};
         test_random_rays(COUNT, 77 + (uint64_t)s, box, origins, directions);
-        assert_int_equal(test_trace(scalar_tracer(&scene), &scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins,
-                                    directions, COUNT, &rays, expected, &err),
+        assert_int_equal(test_trace(scalar_tracer(&scene), &df_kernels_scalar, &scene, DF_SOLVE_ROBUST, 0,
+                                    DF_PRECISION_F64, origins, directions, COUNT, &rays, expected, &err),
                          DF_OK);
         df_opencl_renderer *renderer =
             open_renderer(&scene, plain_tracer(&scene), DF_SOLVE_ROBUST, DF_GRADIENT_CENTRAL);

@@ -61,8 +61,8 @@ static void trace(fixture *f, const df_tracer *tracer, int solve, uint32_t count
     set->directions = malloc(3 * sizeof(double) * count);
     set->hits = malloc(sizeof *set->hits * count);
     test_random_rays(count, seed, box, set->origins, set->directions);
-    if (test_trace(tracer, &f->scene, solve, 0, DF_PRECISION_F64, set->origins, set->directions, count, &set->rays,
-                   set->hits, &err))
+    if (test_trace(tracer, &df_kernels_scalar, &f->scene, solve, 0, DF_PRECISION_F64, set->origins, set->directions,
+                   count, &set->rays, set->hits, &err))
         fail_msg("%s", err.text);
 }
 
@@ -248,8 +248,8 @@ static void a_box_on_grid_planes_is_watertight(void **unused) {
         df_rays rays;
         df_error err;
         open_variant(&f, &variants[v], count, box_distance, NULL, 0);
-        if (test_trace(tracer_of(&variants[v]), &f.scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins, directions, N,
-                       &rays, hits, &err))
+        if (test_trace(tracer_of(&variants[v]), &df_kernels_scalar, &f.scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64,
+                       origins, directions, N, &rays, hits, &err))
             fail_msg("%s", err.text);
         for (uint32_t i = 0; i < N; i++) {
             if (!hits[i].hit) fail_msg("ray %u slips through the box (variant %d)", i, v);
@@ -310,8 +310,8 @@ static void a_far_eye_sees_the_same_as_a_near_one(void **unused) {
         for (int a = 0; a < 3; a++) o[a] = 32 + offset[a] - 1e6 * d[a];
     }
     open_variant(&f, &variants[3], count, sphere_distance, &s, 0);
-    if (test_trace(&df_tracer_dda, &f.scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins, directions, n, &rays, hits,
-                   &err))
+    if (test_trace(&df_tracer_dda, &df_kernels_scalar, &f.scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins,
+                   directions, n, &rays, hits, &err))
         fail_msg("%s", err.text);
     for (uint32_t i = 0; i < n; i++) {
         double dd = 0, od = 0, oo = 0, p[3], largest = 0;

@@ -126,7 +126,8 @@ static test_hit trace_one(const df_field *field, float iso, int solve, int preci
     df_error err;
     test_hit hit;
     if (df_scene_prepare(field, iso, &options, &scene, &err)) fail_msg("%s", err.text);
-    if (test_trace(&df_tracer_dda, &scene, solve, 0, precision, origin, direction, 1, &rays, &hit, &err))
+    if (test_trace(&df_tracer_dda, &df_kernels_scalar, &scene, solve, 0, precision, origin, direction, 1, &rays, &hit,
+                   &err))
         fail_msg("%s", err.text);
     double largest = fmax(fabs(direction[0]), fmax(fabs(direction[1]), fabs(direction[2])));
     hit.t /= largest; /* back into units of the caller's direction */

@@ -57,8 +57,8 @@ static void bundle_trace(bundle *b, const df_tracer *tracer, const df_field *fie
     const df_scene_options options = {0};
     df_rays_free(&b->rays);
     if (df_scene_prepare(field, 0, &options, &scene, &err)) fail_msg("%s", err.text);
-    if (test_trace(tracer, &scene, solve, steps, DF_PRECISION_F64, b->origins, b->directions, b->count, &b->rays,
-                   b->hits, &err))
+    if (test_trace(tracer, &df_kernels_scalar, &scene, solve, steps, DF_PRECISION_F64, b->origins, b->directions,
+                   b->count, &b->rays, b->hits, &err))
         fail_msg("%s", err.text);
     df_scene_free(&scene);
 }

@@ -30,11 +30,11 @@ void test_random_rays(uint32_t count, uint64_t seed, const double box[3], double
     }
 }
 
-df_status test_trace(const df_tracer *tracer, const df_scene *scene, int solve, int steps, int precision,
-                     const double *origins, const double *directions, uint32_t count, df_rays *rays, test_hit *hits,
-                     df_error *err) {
+df_status test_trace(const df_tracer *tracer, const df_kernels *kernels, const df_scene *scene, int solve, int steps,
+                     int precision, const double *origins, const double *directions, uint32_t count, df_rays *rays,
+                     test_hit *hits, df_error *err) {
     const double box[3] = {scene->voxel_count[0], scene->voxel_count[1], scene->voxel_count[2]};
-    const df_trace_options options = {.kernels = &df_kernels_scalar,
+    const df_trace_options options = {.kernels = kernels,
                                       .solve = solve,
                                       .steps = steps,
                                       .precision = precision,

@@ -25,9 +25,9 @@ void test_random_rays(uint32_t count, uint64_t seed, const double box[3], double
 
 /* Traces rays (3 doubles each) as the tracer takes them, rounded to float; `rays` keeps them for truths. Free with
  * df_rays_free. */
-df_status test_trace(const df_tracer *tracer, const df_scene *scene, int solve, int steps, int precision,
-                     const double *origins, const double *directions, uint32_t count, df_rays *rays, test_hit *hits,
-                     df_error *err);
+df_status test_trace(const df_tracer *tracer, const df_kernels *kernels, const df_scene *scene, int solve, int steps,
+                     int precision, const double *origins, const double *directions, uint32_t count, df_rays *rays,
+                     test_hit *hits, df_error *err);
 
 /* True when two results are the same bits. */
 bool test_same_hit(const test_hit *a, const test_hit *b);

@@ -1,5 +1,6 @@
-/* Any samples and any rays: every tracer ends, stays in the box, and finds the hits of the scalar walk. The first bytes
- * choose structure and size, the next the rays' seed and the scale; the rest are the samples, over and over. */
+/* Any samples and any rays: every tracer ends, stays in the box, and finds the hits of the scalar walk, on any
+ * instruction set. The first bytes choose structure, instruction set and size, the next the rays' seed and the scale;
+ * the rest are the samples, over and over. */
 #include "../fields.h"
 #include "../tracing.h"
 #include "fuzz.h"
@@ -24,7 +25,7 @@ static double sample(const double grid[3], const void *context) {
     return (double)(int8_t)b->data[at % b->size] * b->scale;
 }
 
-static void check(const df_scene *scene, uint64_t seed) {
+static void check(const df_scene *scene, const df_kernels *kernels, uint64_t seed) {
     double box[3], origins[3 * RAYS], directions[3 * RAYS];
     test_hit expected[RAYS], hits[RAYS];
     bool is_first = true;
@@ -35,9 +36,10 @@ static void check(const df_scene *scene, uint64_t seed) {
         df_rays rays = {0};
         if ((*tracer)->suits && !(*tracer)->suits(scene, NULL)) continue;
         test_hit *out = is_first ? expected : hits;
+        const df_kernels *used = is_first ? &df_kernels_scalar : kernels;
         is_first = false;
-        if (test_trace(*tracer, scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins, directions, RAYS, &rays, out,
-                       &err) != DF_OK)
+        if (test_trace(*tracer, used, scene, DF_SOLVE_ROBUST, 0, DF_PRECISION_F64, origins, directions, RAYS, &rays,
+                       out, &err) != DF_OK)
             abort();
         for (int i = 0; i < RAYS; i++) {
             if (out[i].hit && !isfinite(out[i].t)) abort();
@@ -52,18 +54,21 @@ static void check(const df_scene *scene, uint64_t seed) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const df_field_kind kinds[] = {DF_FIELD_DENSE, DF_FIELD_BRICKS, DF_FIELD_ADF};
+    static const char *const isas[] = {"scalar", "sse4.1", "avx2", "avx512"};
     if (size <= HEADER) return 0;
     const df_field_kind kind = kinds[data[0] % 3];
     const uint32_t brick = data[1] & 1 ? 8 : 4,
                    count[3] = {1 + data[2] % SIDE_MAX, 1 + data[3] % SIDE_MAX, 1 + data[4] % SIDE_MAX};
     const bytes values = {data + HEADER, size - HEADER, SIDE_MAX + 1, ldexp(1, (int8_t)data[5])};
+    const df_kernels *kernels;
     df_field field = {0};
     df_scene scene = {0};
     df_error err = {0};
     const df_scene_options options = {.levels = kind == DF_FIELD_DENSE && data[1] & 2 ? 1 : 0};
     df_status status = test_field_from_function(&field, kind, brick, count, sample, &values, &err);
     if (status == DF_OK) status = df_scene_prepare(&field, (float)(int8_t)data[7], &options, &scene, &err);
-    if (status == DF_OK) check(&scene, data[6]);
+    if (df_kernels_select(isas[data[1] >> 2 & 3], &kernels, NULL) != DF_OK) kernels = &df_kernels_scalar;
+    if (status == DF_OK) check(&scene, kernels, data[6]);
     else if (!err.text[0]) abort();
     df_scene_free(&scene);
     df_field_free(&field);
