@@ -7,6 +7,9 @@
 #include <CGAL/IO/STL.h>
 
 #include <array>
+#include <cstdint>
+#include <cstring>
+#include <string>
 #include <vector>
 
 namespace {
@@ -23,6 +26,49 @@ void hand_over(const std::vector<Point> &points, const Polygons &polygons, df_me
     }
 }
 
+// The first word of an OFF file says what its vertices hold: [ST][C][N][4]OFF. The first number may follow at once.
+bool read_keyword(std::istream &in, CGAL::File_header_OFF &header) {
+    constexpr size_t longest = 7;
+    std::string word;
+    size_t at = 0;
+    while (word.size() < longest && (word.size() < 3 || word.compare(word.size() - 3, 3, "OFF") != 0))
+        word += char(in.get());
+    const auto take = [&](const char *prefix) {
+        const size_t length = std::strlen(prefix);
+        const bool is_there = word.compare(at, length, prefix) == 0;
+        if (is_there) at += length;
+        return is_there;
+    };
+    header.set_textures(take("ST"));
+    header.set_colors(take("C"));
+    header.set_normals(take("N"));
+    header.set_homogeneous(take("4"));
+    return word.compare(at, std::string::npos, "OFF") == 0;
+}
+
+// CGAL's reader of headers computes with the number of edges, whatever it is, until it overflows.
+bool read_header(std::istream &in, CGAL::File_header_OFF &header) {
+    std::array<std::int32_t, 3> counts{}; // vertices, faces, edges
+    if (!read_keyword(in >> CGAL::skip_comment_OFF, header)) return false;
+    in >> CGAL::skip_comment_OFF;
+    if (in.peek() == 'B') {
+        std::string line;
+        std::getline(in, line);
+        if (line.compare(0, 6, "BINARY") != 0) return false;
+        header.set_binary(true);
+    }
+    for (std::int32_t &count : counts) {
+        if (header.binary()) CGAL::I_Binary_read_big_endian_integer32(in, count);
+        else in >> CGAL::skip_comment_OFF >> count;
+    }
+    if (!in || counts[0] < 0 || counts[1] < 0) return false;
+    header.set_off_header(true);
+    header.set_index_offset(0);
+    header.set_vertices(size_t(counts[0]));
+    header.set_facets(size_t(counts[1]));
+    return true;
+}
+
 } // namespace
 
 // Coordinates and corners only. Colours and normals are stepped over: CGAL's functions for them read past the numbers
@@ -31,15 +77,16 @@ df_status df_mesh_parse_off(char *text, size_t size, const char *name, df_mesh_b
     return df::guard(name, DF_ERROR_FORMAT, err, [&]() -> df_status {
         df::memory_buffer buffer(text, size);
         std::istream stream(&buffer);
-        CGAL::File_scanner_OFF scanner(stream);
-        if (!stream) return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
-        const size_t vertices = scanner.size_of_vertices(), faces = scanner.size_of_facets();
+        CGAL::File_header_OFF header;
+        if (!read_header(stream, header)) return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
+        const size_t vertices = header.size_of_vertices(), faces = header.size_of_facets();
         // each vertex and face takes more than one byte
         if (vertices > size || faces > size) {
             return df_fail(err, DF_ERROR_FORMAT,
                            "%s: the header promises %zu vertices and %zu faces, more than %zu bytes can hold", name,
                            vertices, faces, size);
         }
+        CGAL::File_scanner_OFF scanner(stream, header);
         for (size_t i = 0; i < vertices; i++) {
             double x = 0, y = 0, z = 0, w = 1;
             scanner.scan_vertex(x, y, z, w);

@@ -218,6 +218,40 @@ static void off_dialects_are_read(void **state) {
                          : " 7 0.5");
     for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d 3\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
     is_the_box(df_mesh_parse_off, &b, "off with colours missing");
+    b.size = 0;
+    put(&b, "# first\n\nOFF8 6 # of edges nobody needs the number\n2147483647\n");
+    for (int v = 0; v < 8; v++) put(&b, "%g %g %g\n", corners[v][0], corners[v][1], corners[v][2]);
+    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    is_the_box(df_mesh_parse_off, &b, "off whose keyword touches its numbers");
+    b.size = 0;
+    put(&b, "ST4OFF\n8 6 12\n");
+    for (int v = 0; v < 8; v++)
+        put(&b, "%g %g %g 2 0.5 0.5\n", 2 * corners[v][0], 2 * corners[v][1], 2 * corners[v][2]);
+    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    is_the_box(df_mesh_parse_off, &b, "off with weights and textures");
+}
+
+static void off_headers_that_are_none_are_refused(void **state) {
+    static const char *const texts[] = {"",
+                                        "OF",
+                                        "OFF",
+                                        "XOFF\n3 1 3\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                                        "4COFF\n3 1 3\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                                        "OFF\n3 -1 3\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                                        "OFF\n-3 1 3\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                                        "OFF\n3 1 3000000000\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                                        "OFF\nBINARX\n\1\1\1\1"};
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        df_mesh_builder builder = {0};
+        df_error err = {0};
+        char text[64];
+        snprintf(text, sizeof text, "%s", texts[i]);
+        if (df_mesh_parse_off(text, strlen(text), "test", &builder, &err) != DF_ERROR_FORMAT)
+            fail_msg("\"%s\" is taken for an OFF file", texts[i]);
+        assert_string_equal(err.text, "test: not an OFF file");
+        df_mesh_builder_free(&builder);
+    }
 }
 
 static void put_big_endian(buffer *b, int32_t value) { put_bytes(b, &value, sizeof value, 1); }
@@ -288,6 +322,7 @@ int main(void) {
         cmocka_unit_test(binary_ply_is_read_in_either_byte_order),
         cmocka_unit_test(ply_triangle_strips_are_read),
         cmocka_unit_test(off_dialects_are_read),
+        cmocka_unit_test(off_headers_that_are_none_are_refused),
         cmocka_unit_test(binary_off_is_read),
         cmocka_unit_test(stl_text_and_bytes_are_read_and_welded),
     };
