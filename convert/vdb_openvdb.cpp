@@ -11,9 +11,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#ifdef DF_SANITIZED
+#include <sanitizer/allocator_interface.h>
+#endif
+
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -50,28 +55,47 @@ openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
     return openvdb::io::Stream(file, false).getGrids();
 }
 
-// Limits the memory of this process to what it has and what a file of some size can hold: a node of 32^3 children takes
-// 256 kB in memory and 4 kB or more in the file. A sanitizer has reserved far more already.
-void limit_memory(const char *path) {
-#ifndef DF_SANITIZED
-    constexpr double bytes_per_byte = 128, bytes_more = 512 << 20;
-    struct stat info;
-    unsigned long long pages = 0;
-    std::FILE *own = std::fopen("/proc/self/statm", "re");
-    if (own && std::fscanf(own, "%llu", &pages) == 1 && stat(path, &info) == 0) {
-        const auto bytes = rlim_t(double(pages) * 4096 + double(info.st_size) * bytes_per_byte + bytes_more);
-        const rlimit limit = {bytes, bytes};
-        setrlimit(RLIMIT_AS, &limit);
-    }
-    if (own) std::fclose(own);
-#else
-    (void)path;
-#endif
-}
-
 // OpenVDB trusts counts and offsets in a file, so that a damaged one may overrun its buffers. A child process reads it
 // first: what ends the child would have ended us, and what it cannot hold, no file of that size says.
 constexpr int too_much = 3;
+
+#ifdef DF_SANITIZED // it has reserved more addresses than a limit could allow: what is allocated is counted instead
+std::int64_t bytes_left;
+
+void count_allocated(const volatile void *, size_t size) {
+    bytes_left -= std::int64_t(size);
+    if (bytes_left < 0) _exit(too_much);
+}
+
+void count_freed(const volatile void *memory) {
+    bytes_left += std::int64_t(__sanitizer_get_allocated_size(const_cast<const void *>(memory)));
+}
+
+void allow_more(std::int64_t bytes) {
+    bytes_left = bytes;
+    __sanitizer_install_malloc_and_free_hooks(count_allocated, count_freed);
+}
+#else
+void allow_more(std::int64_t bytes) {
+    unsigned long long pages = 0;
+    std::FILE *own = std::fopen("/proc/self/statm", "re");
+    if (own && std::fscanf(own, "%llu", &pages) == 1) {
+        const rlim_t all = rlim_t(pages) * 4096 + rlim_t(bytes);
+        const rlimit limit = {all, all};
+        setrlimit(RLIMIT_AS, &limit);
+    }
+    if (own) std::fclose(own);
+}
+#endif
+
+// Limits the memory of this process to what it has and what a file of some size can hold: a node of 32^3 children takes
+// 256 kB in memory and 4 kB or more in the file.
+void limit_memory(const char *path) {
+    constexpr std::int64_t bytes_per_byte = 128, bytes_more = 512 << 20;
+    struct stat info;
+    if (stat(path, &info) == 0) allow_more(std::int64_t(info.st_size) * bytes_per_byte + bytes_more);
+}
+
 df_status try_reading(const char *path, df_error *err) {
     const pid_t child = fork();
     if (child < 0)
