@@ -82,6 +82,8 @@ df_status df_hits_alloc(uint32_t capacity, df_hits *hits, df_error *err) {
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->cell[a], room, sizeof *hits->cell[a], "hits", err);
         if (status == DF_OK) status = df_alloc_raw((void **)&hits->local[a], room, sizeof *hits->local[a], "hits", err);
         if (status == DF_OK)
+            status = df_alloc_raw((void **)&hits->direction[a], room, sizeof *hits->direction[a], "hits", err);
+        if (status == DF_OK)
             status = df_alloc_raw((void **)&hits->normal[a], room, sizeof *hits->normal[a], "hits", err);
     }
     if (status != DF_OK) df_hits_free(hits);
@@ -96,6 +98,7 @@ void df_hits_free(df_hits *hits) {
     for (int a = 0; a < 3; a++) {
         free(hits->cell[a]);
         free(hits->local[a]);
+        free(hits->direction[a]);
         free(hits->normal[a]);
     }
     memset(hits, 0, sizeof *hits);

@@ -23,8 +23,9 @@ typedef struct df_hits {
     uint16_t *cell[3]; /* the voxel, or the lower corner of the leaf */
     uint32_t *block; /* its brick or mask block (df_scene_block); 0 for uniform fields; of a leaf 8 * family + child */
     uint8_t *flags;
-    float *local[3];  /* position in the cell, [0,1]^3 */
-    double *t;        /* along the ray as the caller knows it: t_base included */
+    float *local[3];     /* position in the cell, [0,1]^3 */
+    float *direction[3]; /* the ray's, where the hits are the solve's: without has_normals */
+    double *t;           /* along the ray as the caller knows it: t_base included */
     float *normal[3]; /* world directions towards the outside, of any length: of tracers that draw something else than
                          the field */
     const df_leaf_stencils *stencils; /* of a tracer that keeps them; NULL: there are none. Borrowed */

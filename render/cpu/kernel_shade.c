@@ -120,10 +120,12 @@ static void write_pixels(const df_shade_job *job, const df_hits *hits, uint32_t 
                          const looks *out) {
     const df_tile *tile = job->tile;
     const uint8_t *table = job->table;
+    const double rows_a_ray = 1.0 / tile->width;
     size_t pixels[DF_LANES];
     for (uint32_t i = 0; i < lanes; i++) {
         const uint32_t ray = hits->ray[first + i];
-        pixels[i] = (size_t)(tile->y + ray / tile->width) * job->picture_width + tile->x + ray % tile->width;
+        const uint32_t row = (uint32_t)((ray + 0.5) * rows_a_ray); /* ray / width: half a ray is more than rounds */
+        pixels[i] = (size_t)(tile->y + row) * job->picture_width + tile->x + (ray - row * tile->width);
     }
     for (uint32_t i = 0; job->rgb && i < lanes; i++) {
         uint8_t *restrict rgb = job->rgb + 3 * pixels[i];
@@ -155,15 +157,16 @@ void DF_KERNEL(df_kernel_shade)(const df_shade_job *job, const df_hits *hits) {
     }
     for (uint32_t first = 0; first < hits->count; first += DF_LANES) {
         const uint32_t lanes = hits->count - first < DF_LANES ? hits->count - first : DF_LANES;
-        const li ray = li_select(lm_first(lanes), li_load((const int32_t *)hits->ray + first), li_set(0));
         lf gradient[3], direction[3], toward_eye[3], normal[3];
         looks out;
         if (hits->has_normals) { /* the tracer's own */
+            const li ray = li_select(lm_first(lanes), li_load((const int32_t *)hits->ray + first), li_set(0));
             for (int a = 0; a < 3; a++) gradient[a] = lf_load(hits->normal[a] + first) * size[a];
+            for (int a = 0; a < 3; a++) direction[a] = lf_gather(job->tile->rays.direction[a], ray);
         } else {
             field_gradients(job, hits, first, lanes, &in, gradient);
+            for (int a = 0; a < 3; a++) direction[a] = lf_load(hits->direction[a] + first);
         }
-        for (int a = 0; a < 3; a++) direction[a] = lf_gather(job->tile->rays.direction[a], ray);
         df_shade_toward_eye(direction, size, toward_eye);
         df_shade_normal(gradient, inverse_size, toward_eye, normal);
         const lf light = df_shade_light(normal, toward_eye);

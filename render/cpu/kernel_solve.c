@@ -172,6 +172,7 @@ static inline void solve_batch_f32(const batch *in, const df_trace_options *opti
 
 static inline void solve_batch(const batch *in, bool size_is_1, const df_trace_options *options, df_hits *hits,
                                uint32_t at) {
+    for (int a = 0; a < 3; a++) lf_store(hits->direction[a] + at, in->direction[a]);
     if (options->precision == DF_PRECISION_F32) solve_batch_f32(in, options, hits, at);
     else solve_batch_f64(in, size_is_1, options, hits, at);
 }
