@@ -89,9 +89,9 @@ void allow_more(std::int64_t bytes) {
 #endif
 
 // Limits the memory of this process to what it has and what a file of some size can hold: a node of 32^3 children takes
-// 256 kB in memory and 4 kB or more in the file.
+// 256 kB in memory and 8 kB or more in the file, one of 16^3 32 kB and 1 kB, a leaf 2 kB and 130 bytes.
 void limit_memory(const char *path) {
-    constexpr std::int64_t bytes_per_byte = 128, bytes_more = 512 << 20;
+    constexpr std::int64_t bytes_per_byte = 128, bytes_more = 128 << 20;
     struct stat info;
     if (stat(path, &info) == 0) allow_more(std::int64_t(info.st_size) * bytes_per_byte + bytes_more);
 }
