@@ -190,8 +190,9 @@ uint32_t df_rays_entering(const df_rays *rays, const double box[3]) {
         for (int a = 0; a < 3; a++) {
             float o = rays->origin[a][rays->shared_origin ? 0 : i], inverse = rays->inverse[a][i];
             float low = (0 - o) * inverse, high = ((float)box[a] - o) * inverse;
-            t_in = fmaxf(t_in, fminf(low, high));
-            t_out = fminf(t_out, fmaxf(low, high));
+            const float near = low < high ? low : high, far = low < high ? high : low;
+            t_in = near > t_in ? near : t_in;
+            t_out = far < t_out ? far : t_out;
         }
         entering += t_in <= t_out;
     }

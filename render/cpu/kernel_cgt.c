@@ -120,7 +120,10 @@ static void visit_block(const df_packet_job *job, packet *p, const uint32_t coar
 /* The distance along the main axis from the eye up to which rays still look for something nearer. */
 static float farthest(const packet *p) {
     float most = 0;
-    for (uint32_t i = 0; i < p->count; i++) most = fmaxf(most, p->depth[i] * fabsf(p->direction[p->frustum.main][i]));
+    for (uint32_t i = 0; i < p->count; i++) {
+        const float along = p->depth[i] * fabsf(p->direction[p->frustum.main][i]);
+        most = along > most ? along : most;
+    }
     return most;
 }
 
@@ -193,8 +196,9 @@ static bool gather(const df_packet_job *job, uint32_t x0, uint32_t y0, uint32_t 
             df_bounds_ray(job->bounds, tile->x + ray % tile->width, tile->y + ray / tile->width, 0, &first, &last);
             if (!(first <= last)) continue;
         }
-        p->reach[0] = fminf(p->reach[0], first * along);
-        p->reach[1] = fmaxf(p->reach[1], last * along);
+        const float from = first * along, to = last * along;
+        p->reach[0] = from < p->reach[0] ? from : p->reach[0];
+        p->reach[1] = to > p->reach[1] ? to : p->reach[1];
     }
     return true;
 }

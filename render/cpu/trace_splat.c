@@ -186,8 +186,9 @@ static uint32_t sort_blocks(splat_state *state) {
     float low = INFINITY, high = 0;
     for (uint32_t i = 0; i < total; i++) {
         if (!visible(&state->rects[i])) continue;
-        low = fminf(low, state->rects[i].t_near);
-        high = fmaxf(high, state->rects[i].t_near);
+        const float t_near = state->rects[i].t_near;
+        low = t_near < low ? t_near : low;
+        high = t_near > high ? t_near : high;
     }
     const float scale = high > low ? (float)(DEPTH_BUCKETS - 1) / (high - low) : 0;
     for (uint32_t i = 0; i < total; i++) {
