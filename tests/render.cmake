@@ -1,5 +1,6 @@
 # The tests of the renderer.
 df_test(test_render_shapes LABELS stability LIBS distfield-render SOURCES fields.c tracing.c)
+df_test(test_surface LABELS unit LIBS distfield-render SOURCES fields.c tracing.c)
 df_test(test_render_tracers LABELS kernels LIBS distfield-render SOURCES fields.c)
 add_test(NAME test_render_tracers_full COMMAND test_render_tracers --full)
 set_tests_properties(test_render_tracers_full PROPERTIES LABELS slow TIMEOUT 1200)

@@ -17,6 +17,7 @@ const df_kernels DF_KERNEL(df_kernels) = {
     .adf = DF_KERNEL(df_kernel_adf),
     .cgt = DF_KERNEL(df_kernel_cgt),
     .packet = DF_KERNEL(df_kernel_packet),
+    .surface_boxes = DF_KERNEL(df_kernel_surface_boxes),
     .splat = DF_KERNEL(df_kernel_splat),
     .splat_solve = DF_KERNEL(df_kernel_splat_solve),
     .shade = DF_KERNEL(df_kernel_shade),

@@ -146,6 +146,10 @@ struct df_kernels {
     /* The same through an octree. */
     uint32_t (*adf)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 
+    /* Adds the boxes of a block's records, whose corners are there, to surface->voxels, widened by `margin` voxels. Not
+     * of octrees. */
+    void (*surface_boxes)(const df_scene *scene, const df_surface *surface, uint32_t block, float margin);
+
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);
 

@@ -1,6 +1,7 @@
 #include "render/cpu/surface.h"
 #include "common/memory.h"
 #include "render/cpu/fetch.h"
+#include "render/methods/surface_box.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -49,34 +50,12 @@ df_status df_surface_alloc_records(df_surface *surface, uint64_t count, df_error
     return status;
 }
 
-/* How far from one of a cell's faces the surface begins: the largest s in [0,1] such that within s of the face no value
- * comes within `least` of 0. face: the bit of the axis, or 0, as in a corner's number. */
-static inline float surface_begin(const float corner[8], int axis, int face, float least) {
-    const float sign = corner[face] < 0 ? -1 : 1;
-    const int u = axis == 1 ? 2 : 1, v = axis == 4 ? 2 : 4;
-    float begin = 1;
-    for (int i = 0; i < 4; i++) {
-        const int c = face + (i & 1 ? u : 0) + (i & 2 ? v : 0);
-        const float low = sign * corner[c], high = sign * corner[c ^ axis];
-        const float crossing = low <= least ? 0 : (low - least) / (low - (high < least ? high : least));
-        begin = crossing < begin ? crossing : begin;
-    }
-    return begin;
-}
-
 uint32_t df_surface_box(const float corner[8], float margin) {
+    li low[3], high[3];
     uint32_t box = 0;
-    float largest = 0;
-    for (int c = 0; c < 8; c++) {
-        const float magnitude = corner[c] < 0 ? -corner[c] : corner[c];
-        largest = magnitude > largest ? magnitude : largest;
-    }
-    for (int a = 0; a < 3; a++) {
-        const float low = surface_begin(corner, 1 << a, 0, 1e-5f * largest) - margin;
-        const float high = 1 - surface_begin(corner, 1 << a, 1 << a, 1e-5f * largest) + margin;
-        box |= (low > 0 ? (uint32_t)(8 * low) : 0) << (DF_SURFACE_LOW + 3 * a);
-        box |= (high < 1 ? (uint32_t)(8 * high) : 7) << (DF_SURFACE_HIGH + 3 * a);
-    }
+    df_surface_eighths(corner, margin, low, high);
+    for (int a = 0; a < 3; a++)
+        box |= (uint32_t)low[a] << (DF_SURFACE_LOW + 3 * a) | (uint32_t)high[a] << (DF_SURFACE_HIGH + 3 * a);
     return box;
 }
 
@@ -103,7 +82,6 @@ static void copy_corners(const df_scene *scene, const df_surface *surface, const
 
 static void fill_records(const df_scene *scene, const df_surface *surface, uint32_t block) {
     const uint32_t words = df_brick_mask_words(scene->k), k_mask = scene->k - 1;
-    const float margin = df_surface_margin(scene);
     uint32_t record = surface->first[block], low[3];
     low[0] = scene->block_cells[block] % scene->coarse_count[0] * scene->k;
     low[1] = scene->block_cells[block] / scene->coarse_count[0] % scene->coarse_count[1] * scene->k;
@@ -114,18 +92,18 @@ static void fill_records(const df_scene *scene, const df_surface *surface, uint3
             const uint32_t bit = 64 * w + (uint32_t)__builtin_ctzll(mask);
             const uint32_t voxel[3] = {low[0] + (bit & k_mask), low[1] + (bit >> scene->k_shift & k_mask),
                                        low[2] + (bit >> 2 * scene->k_shift)};
-            float corner[8];
-            df_scene_corners(scene, voxel, block, corner);
-            surface->voxels[record] = bit | df_surface_box(corner, margin);
+            surface->voxels[record] = bit;
             copy_corners(scene, surface, voxel, block, record);
         }
     }
     assert(record == surface->first[block + 1]);
 }
 
-df_status df_surface_make(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err) {
+df_status df_surface_make(const df_scene *scene, const df_kernels *kernels, uint32_t threads, df_surface *surface,
+                          df_error *err) {
     if (scene->levels == 0) return df_surface_make_octree(scene, threads, surface, err);
     const uint32_t words = df_brick_mask_words(scene->k);
+    const float margin = df_surface_margin(scene);
     uint64_t count = 0;
     surface->k_shift = scene->k_shift;
     surface->block_count = scene->block_count;
@@ -140,6 +118,9 @@ df_status df_surface_make(const df_scene *scene, uint32_t threads, df_surface *s
     if (status != DF_OK) return status;
     surface->first[scene->block_count] = (uint32_t)count;
 #pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
-    for (uint32_t block = 0; block < scene->block_count; block++) fill_records(scene, surface, block);
+    for (uint32_t block = 0; block < scene->block_count; block++) {
+        fill_records(scene, surface, block);
+        kernels->surface_boxes(scene, surface, block, margin);
+    }
     return DF_OK;
 }

@@ -7,9 +7,10 @@
 
 #include "render/cpu/kernels.h"
 
-/* Fills an empty surface, by `threads` threads; release with df_surface_free, also where it fails. scene->levels: 2, or
- * 0 with iso 0. */
-df_status df_surface_make(const df_scene *scene, uint32_t threads, df_surface *surface, df_error *err);
+/* Fills an empty surface, by `threads` threads with some instruction set's kernels; release with df_surface_free, also
+ * where it fails. scene->levels: 2, or 0 with iso 0. */
+df_status df_surface_make(const df_scene *scene, const df_kernels *kernels, uint32_t threads, df_surface *surface,
+                          df_error *err);
 void df_surface_free(df_surface *surface);
 uint64_t df_surface_bytes(const df_surface *surface);
 
@@ -20,9 +21,7 @@ df_status df_surface_make_octree(const df_scene *scene, uint32_t threads, df_sur
 df_status df_surface_alloc_blocks(df_surface *surface, df_error *err);
 df_status df_surface_alloc_records(df_surface *surface, uint64_t count, df_error *err);
 
-/* A record's box: all points of the cell where the field's magnitude is not far above what rounding makes of 0, widened
- * by `margin`, in parts of the cell, for what rounding does to places: no ray that any arithmetic lets hit the surface
- * in the cell passes it by. */
+/* A record's box (surface_box.h); `margin` in parts of the cell. */
 uint32_t df_surface_box(const float corner[8], float margin);
 #define DF_SURFACE_WHOLE (0x1FFu << DF_SURFACE_HIGH) /* the box that is the cell */
 

@@ -93,7 +93,7 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
     if (status != DF_OK) return status;
     state->scene = scene;
     state->options = *options;
-    status = df_surface_make(scene, options->threads, &state->surface, err);
+    status = df_surface_make(scene, options->kernels, options->threads, &state->surface, err);
     if (status == DF_OK) status = make_workers(state, err);
     const uint32_t blocks = state->surface.block_count;
     if (status == DF_OK) status = df_alloc((void **)&state->rects, blocks, sizeof *state->rects, "blocks", err);
