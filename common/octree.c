@@ -91,8 +91,8 @@ static bool finish_family(const df_field *field, df_family *families, uint32_t f
     bool finite = true;
     df_adf_samples(field, f, cells[f], samples);
     for (uint32_t s = 0; s < DF_FAMILY_SAMPLE_COUNT; s++) {
-        range[0] = fminf(range[0], samples[s]);
-        range[1] = fmaxf(range[1], samples[s]);
+        range[0] = samples[s] < range[0] ? samples[s] : range[0];
+        range[1] = samples[s] > range[1] ? samples[s] : range[1];
         finite = finite && isfinite(samples[s]);
     }
     for (uint32_t c = 0; c < 8; c++) {
