@@ -4,6 +4,7 @@
  */
 #include "common/memory.h"
 #include "convert/adf_tree.h"
+#include "convert/smaller.h"
 
 #include <assert.h>
 #include <math.h>
@@ -298,10 +299,6 @@ static bool judge(const worker *w, const cell *c, const float samples[27]) {
 
 /* ---- faces ---- */
 
-/* As fmin and fmax, which are calls as they mind NaN. */
-static inline double smaller(double x, double y) { return x < y ? x : y; }
-static inline double larger(double x, double y) { return x > y ? x : y; }
-
 /* Does a face cross a box? By the axes that may separate them: the face's box and plane, and across pairs of edges
  * (Akenine-Moeller 2001). */
 static bool face_meets(const df_face *face, const double centre[3], double half) {
@@ -310,7 +307,8 @@ static bool face_meets(const df_face *face, const double centre[3], double half)
         v[0][a] = face->a[a] - centre[a];
         v[1][a] = v[0][a] + face->ab[a];
         v[2][a] = v[0][a] + face->ac[a];
-        if (smaller(v[0][a], smaller(v[1][a], v[2][a])) > half || larger(v[0][a], larger(v[1][a], v[2][a])) < -half)
+        if (df_smaller(v[0][a], df_smaller(v[1][a], v[2][a])) > half ||
+            df_larger(v[0][a], df_larger(v[1][a], v[2][a])) < -half)
             return false;
         height += face->normal[a] * v[0][a];
         reach += fabs(face->normal[a]) * half;
@@ -323,7 +321,7 @@ static bool face_meets(const df_face *face, const double centre[3], double half)
             double di = q[i] - p[i], dj = q[j] - p[j];
             double edge = di * p[j] - dj * p[i], across = di * r[j] - dj * r[i];
             double radius = (fabs(di) + fabs(dj)) * half * (1 + 1e-9);
-            if (smaller(edge, across) > radius || larger(edge, across) < -radius) return false;
+            if (df_smaller(edge, across) > radius || df_larger(edge, across) < -radius) return false;
         }
     }
     return true;

@@ -2,6 +2,7 @@
 
 #include "common/field.h"
 #include "common/memory.h"
+#include "convert/smaller.h"
 
 #include <assert.h>
 #include <math.h>
@@ -34,7 +35,7 @@ static bool may_touch(const marker *m, const cell_box *box) {
     for (int a = 0; a < 3; a++) {
         double low, high, p = m->corners[0][a], q = m->corners[1][a], r = m->corners[2][a];
         grown_extent(m, box, a, &low, &high);
-        if (fmax(p, fmax(q, r)) < low || fmin(p, fmin(q, r)) > high) return false;
+        if (df_larger(p, df_larger(q, r)) < low || df_smaller(p, df_smaller(q, r)) > high) return false;
         middle += m->normal[a] * ((low + high) / 2 - p);
         radius += fabs(m->normal[a]) * (high - low) / 2;
         scale += fabs(m->normal[a]) * (fabs(low) + fabs(high) + fabs(p));
@@ -60,7 +61,7 @@ static bool edges_touch(const marker *m, const cell_box *box) {
             double edge = du * (p[v] - centre[v]) - dv * (p[u] - centre[u]);
             double across = du * (r[v] - centre[v]) - dv * (r[u] - centre[u]);
             double radius = fabs(du) * half[v] + fabs(dv) * half[u];
-            if (fmin(edge, across) > radius || fmax(edge, across) < -radius) return false;
+            if (df_smaller(edge, across) > radius || df_larger(edge, across) < -radius) return false;
         }
     }
     return true;
@@ -95,8 +96,8 @@ static void mark_face(const df_mesh *mesh, uint32_t face, const df_lattice *l, d
     double u[3], v[3];
     for (int a = 0; a < 3; a++) {
         double p = m.corners[0][a], q = m.corners[1][a], r = m.corners[2][a], size = l->voxel_size * l->brick_size;
-        double first = floor((fmin(p, fmin(q, r)) - l->origin[a] - reach) / size - 1e-9);
-        double last = floor((fmax(p, fmax(q, r)) - l->origin[a] + reach) / size + 1e-9);
+        double first = floor((df_smaller(p, df_smaller(q, r)) - l->origin[a] - reach) / size - 1e-9);
+        double last = floor((df_larger(p, df_larger(q, r)) - l->origin[a] + reach) / size + 1e-9);
         if (last < 0 || first >= l->cell_count[a]) return;
         box.low[a] = first < 0 ? 0 : (uint32_t)first;
         box.high[a] = last >= l->cell_count[a] ? l->cell_count[a] : (uint32_t)last + 1;

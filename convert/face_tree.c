@@ -2,6 +2,7 @@
 
 #include "common/memory.h"
 #include "convert/isa.h"
+#include "convert/smaller.h"
 #include "convert/winding.h"
 
 #include <assert.h>
@@ -272,7 +273,7 @@ static df_face_sphere make_sphere(const df_face_tree *tree, const double *const 
         }
         for (int c = 0; c < 3; c++) {
             double d[3] = {corner[c][0] - centre[0], corner[c][1] - centre[1], corner[c][2] - centre[2]};
-            square = fmax(square, dot(d, d));
+            square = df_larger(square, dot(d, d));
         }
         const float radius = (float)(sqrt(square) * tree->scale);
         if (radius >= sphere.radius) continue;
@@ -293,8 +294,8 @@ static void make_leaf(const df_mesh *mesh, df_face_tree *tree, uint32_t n) {
         prepare_face(corner, &tree->faces[n * 8 + c]);
         tree->spheres[n * 8 + c] = make_sphere(tree, corner, &tree->faces[n * 8 + c]);
         for (int a = 0; a < 3; a++) {
-            double low = fmin(corner[0][a], fmin(corner[1][a], corner[2][a]));
-            double high = fmax(corner[0][a], fmax(corner[1][a], corner[2][a]));
+            double low = df_smaller(corner[0][a], df_smaller(corner[1][a], corner[2][a]));
+            double high = df_larger(corner[0][a], df_larger(corner[1][a], corner[2][a]));
             node->low[a][c] = nextafterf(to_tree(tree, low, a), -INFINITY);
             node->high[a][c] = nextafterf(to_tree(tree, high, a), INFINITY);
         }
@@ -309,8 +310,8 @@ static void make_node(df_face_tree *tree, uint32_t level, uint32_t n) {
         const df_face_node *below = &tree->levels[level - 1][n * 8 + c];
         for (int a = 0; a < 3; a++) {
             for (int i = 0; i < 8; i++) {
-                node->low[a][c] = fminf(node->low[a][c], below->low[a][i]);
-                node->high[a][c] = fmaxf(node->high[a][c], below->high[a][i]);
+                if (below->low[a][i] < node->low[a][c]) node->low[a][c] = below->low[a][i];
+                if (below->high[a][i] > node->high[a][c]) node->high[a][c] = below->high[a][i];
             }
         }
     }
@@ -322,7 +323,7 @@ df_status df_face_tree_make(const df_mesh *mesh, df_face_tree *tree, df_error *e
     df_mesh_bounds(mesh, low, high);
     for (int a = 0; a < 3; a++) {
         tree->origin[a] = (low[a] + high[a]) / 2;
-        extent = fmax(extent, high[a] - low[a]);
+        extent = df_larger(extent, high[a] - low[a]);
     }
     tree->scale = extent > 0 ? ldexp(1, -ilogb(extent)) : 1;
     tree->slack = 4e-6 * extent * tree->scale;
