@@ -28,8 +28,18 @@ typedef ulong uint64_t;
 #define DF_GLOBAL
 #define DF_TABLE static const
 #define DF_INLINE inline
-#define df_bit_count(word) ((uint32_t)__builtin_popcount(word))
 #define df_leading_zeros(word) ((uint32_t)__builtin_clz(word))
+
+/* __builtin_popcount is a call where the compiler may not use the processor's instruction. */
+static inline uint32_t df_bit_count(uint32_t word) {
+#ifdef __POPCNT__
+    return (uint32_t)__builtin_popcount(word);
+#else
+    word -= word >> 1 & 0x55555555u;
+    word = (word & 0x33333333u) + (word >> 2 & 0x33333333u);
+    return ((word + (word >> 4)) & 0x0F0F0F0Fu) * 0x01010101u >> 24;
+#endif
+}
 #endif
 
 #endif

@@ -360,7 +360,7 @@ static df_status count_family(const octree *o, uint32_t family, scratch *s, df_e
         if (cell.state != DF_CHILD_SURFACE) continue;
         load_leaf(o, &cell, &l);
         r->owned[child] = (uint16_t)owned_edges(o, &l);
-        r->edge_count += (uint32_t)__builtin_popcount(r->owned[child]);
+        r->edge_count += df_bit_count(r->owned[child]);
         if (!l.in_box) continue;
         df_status status = fill_leaf(o, s, &l, err);
         if (status != DF_OK) return status;
@@ -376,8 +376,8 @@ static uint32_t vertex_number(const octree *o, uint32_t family, uint32_t child, 
     if (family == DF_MC_NONE || !(o->records[family].owned[child] >> local_edge & 1)) return DF_MC_NONE;
     const family_record *r = &o->records[family];
     uint32_t number = r->vertex_first;
-    for (uint32_t c = 0; c < child; c++) number += (uint32_t)__builtin_popcount(r->owned[c]);
-    return number + (uint32_t)__builtin_popcount(r->owned[child] & ((1u << local_edge) - 1));
+    for (uint32_t c = 0; c < child; c++) number += df_bit_count(r->owned[c]);
+    return number + df_bit_count(r->owned[child] & ((1u << local_edge) - 1));
 }
 
 static double value_at(const octree *o, const double grid[3]) {
