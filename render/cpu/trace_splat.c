@@ -1,6 +1,6 @@
 /*
- * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): blocks of cells are sorted from
- * front to back and binned to tiles; a tile projects the surface voxels or leaves of its blocks and keeps the nearest
+ * Object-order first hits of primary rays (Neubauer's cell-based first-hit casting): blocks of cells are binned to
+ * tiles; a tile sorts its blocks from front to back, projects their surface voxels or leaves and keeps the nearest
  * accepted one of each ray.
  *
  * A leaf of an octree is accepted as well where a ray enters it inside (adf.h): of rays that start outside the nearest
@@ -15,11 +15,12 @@
 
 #include <assert.h>
 #include <math.h>
+#include <omp.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Steps of depth by which blocks are sorted. */
-#define DEPTH_BUCKETS 2048u
+/* Steps of depth by which the blocks of a tile are sorted. */
+#define DEPTH_BUCKETS 256u
 
 /* What one thread works with: one entry a ray of a tile. */
 typedef struct splat_worker {
@@ -37,10 +38,10 @@ typedef struct splat_state {
     /* Of the current view. */
     df_projection projection;
     df_block_rect *rects; /* by block */
-    uint32_t *order;      /* the visible blocks from front to back */
     uint32_t *tile_first; /* by tile: its first entry; one more at the end */
-    uint32_t *entries;    /* blocks in order, by tile */
-    uint32_t tile_capacity, entry_capacity;
+    uint32_t *counts;     /* by thread and tile: blocks of its share of them, then where its next entry goes */
+    uint32_t *entries;    /* the visible blocks, by tile; then as many again: from front to back, where traced */
+    uint64_t tile_capacity, count_capacity, entry_capacity;
     uint32_t tile_columns;
     uint32_t first_row, end_row; /* of the picture: what is drawn */
     bool walks;                  /* all rays may start inside */
@@ -58,8 +59,8 @@ static void splat_release(void *opaque) {
     df_surface_free(&state->surface);
     df_walk_release(state->walk);
     free(state->rects);
-    free(state->order);
     free(state->tile_first);
+    free(state->counts);
     free(state->entries);
     free(state);
 }
@@ -97,7 +98,6 @@ static df_status splat_prepare(const df_scene *scene, const df_trace_options *op
     if (status == DF_OK) status = make_workers(state, err);
     const uint32_t blocks = state->surface.block_count;
     if (status == DF_OK) status = df_alloc((void **)&state->rects, blocks, sizeof *state->rects, "blocks", err);
-    if (status == DF_OK) status = df_alloc((void **)&state->order, blocks, sizeof *state->order, "blocks", err);
     if (status == DF_OK && scene->levels == 0) status = df_walk_prepare(scene, options, (void **)&state->walk, err);
     if (status != DF_OK) splat_release(state);
     else *out = state;
@@ -112,8 +112,7 @@ static void splat_set_method(void *opaque, const df_trace_options *options) {
 
 static uint64_t splat_bytes(const void *opaque) {
     const splat_state *state = opaque;
-    return df_surface_bytes(&state->surface) +
-           state->surface.block_count * (sizeof *state->rects + sizeof *state->order);
+    return df_surface_bytes(&state->surface) + state->surface.block_count * sizeof *state->rects;
 }
 
 static bool splat_suits(const df_scene *scene, const df_view *view) {
@@ -179,30 +178,6 @@ static df_block_rect block_rect(const splat_state *state, const df_view *view, u
 
 static bool visible(const df_block_rect *rect) { return rect->x0 <= rect->x1; }
 
-/* Orders the visible blocks by depth, nearly; returns how many. */
-static uint32_t sort_blocks(splat_state *state) {
-    const uint32_t total = state->surface.block_count;
-    uint32_t place[DEPTH_BUCKETS + 1] = {0}, count = 0;
-    float low = INFINITY, high = 0;
-    for (uint32_t i = 0; i < total; i++) {
-        if (!visible(&state->rects[i])) continue;
-        const float t_near = state->rects[i].t_near;
-        low = t_near < low ? t_near : low;
-        high = t_near > high ? t_near : high;
-    }
-    const float scale = high > low ? (float)(DEPTH_BUCKETS - 1) / (high - low) : 0;
-    for (uint32_t i = 0; i < total; i++) {
-        if (visible(&state->rects[i])) place[1 + (uint32_t)((state->rects[i].t_near - low) * scale)]++;
-    }
-    for (uint32_t b = 0; b < DEPTH_BUCKETS; b++) place[b + 1] += place[b];
-    for (uint32_t i = 0; i < total; i++) {
-        if (!visible(&state->rects[i])) continue;
-        state->order[place[(uint32_t)((state->rects[i].t_near - low) * scale)]++] = i;
-        count++;
-    }
-    return count;
-}
-
 /* The tiles that a rectangle of pixels meets, inclusive. */
 typedef struct tile_range {
     uint32_t x0, y0, x1, y1;
@@ -213,49 +188,87 @@ static tile_range tiles_of(const splat_state *state, const df_block_rect *rect) 
     return (tile_range){rect->x0 / w, (rect->y0 - y0) / h, rect->x1 / w, (rect->y1 - y0) / h};
 }
 
-static df_status reserve(uint32_t **array, uint32_t *capacity, uint64_t count, df_error *err) {
+static df_status reserve(uint32_t **array, uint64_t *capacity, uint64_t count, df_error *err) {
     if (count <= *capacity) return DF_OK;
     free(*array);
     *capacity = 0;
     df_status status = df_alloc_raw((void **)array, count + count / 4, sizeof **array, "tile lists", err);
-    if (status == DF_OK) *capacity = (uint32_t)(count + count / 4);
+    if (status == DF_OK) *capacity = count + count / 4;
     return status;
 }
 
-/* Lists the blocks of every tile, in order. */
-static df_status bin_blocks(splat_state *state, const df_view *view, uint32_t block_count, df_error *err) {
+/* Makes room for the entries that the threads have counted, and turns counts into places: of a tile thread after
+ * thread, so that its blocks come in one order whatever the number of threads. */
+static df_status place_entries(splat_state *state, uint32_t tiles, df_error *err) {
+    uint64_t total = 0;
+    for (uint32_t t = 0; t < tiles; t++) {
+        state->tile_first[t] = (uint32_t)total;
+        for (uint32_t thread = 0; thread < state->options.threads; thread++) {
+            uint32_t *count = &state->counts[(size_t)thread * tiles + t], here = *count;
+            *count = (uint32_t)total;
+            total += here;
+        }
+        if (total > UINT32_MAX)
+            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: too many blocks in this view");
+    }
+    state->tile_first[tiles] = (uint32_t)total;
+    return reserve(&state->entries, &state->entry_capacity, 2 * total, err);
+}
+
+/* Lists the visible blocks of every tile. */
+static df_status bin_blocks(splat_state *state, const df_view *view, df_error *err) {
     const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
     const uint32_t rows =
         (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
+    const uint32_t tiles = columns * rows, blocks = state->surface.block_count;
+    const uint64_t counts = (uint64_t)tiles * state->options.threads;
     state->tile_columns = columns;
-    df_status status = reserve(&state->tile_first, &state->tile_capacity, (uint64_t)columns * rows + 2, err);
+    df_status status = reserve(&state->tile_first, &state->tile_capacity, (uint64_t)tiles + 1, err);
+    if (status == DF_OK) status = reserve(&state->counts, &state->count_capacity, counts, err);
     if (status != DF_OK) return status;
-    uint32_t *first = state->tile_first;
-    memset(first, 0, ((size_t)columns * rows + 2) * sizeof *first);
-    for (uint32_t i = 0; i < block_count; i++) { /* counts, two places ahead */
-        const tile_range range = tiles_of(state, &state->rects[state->order[i]]);
-        for (uint32_t y = range.y0; y <= range.y1; y++) {
-            for (uint32_t x = range.x0; x <= range.x1; x++) first[x + columns * y + 2]++;
+    memset(state->counts, 0, counts * sizeof *state->counts);
+#pragma omp parallel num_threads(state->options.threads)
+    {
+        uint32_t *count = state->counts + (size_t)tiles * (uint32_t)omp_get_thread_num();
+#pragma omp for schedule(static)
+        for (uint32_t block = 0; block < blocks; block++) {
+            const df_block_rect rect = state->rects[block] = block_rect(state, view, block);
+            if (!visible(&rect)) continue;
+            const tile_range range = tiles_of(state, &rect);
+            for (uint32_t y = range.y0; y <= range.y1; y++) {
+                for (uint32_t x = range.x0; x <= range.x1; x++) count[x + columns * y]++;
+            }
+        }
+#pragma omp single
+        status = place_entries(state, tiles, err);
+        if (status == DF_OK) {
+#pragma omp for schedule(static) /* the same blocks to each thread as above */
+            for (uint32_t block = 0; block < blocks; block++) {
+                if (!visible(&state->rects[block])) continue;
+                const tile_range range = tiles_of(state, &state->rects[block]);
+                for (uint32_t y = range.y0; y <= range.y1; y++) {
+                    for (uint32_t x = range.x0; x <= range.x1; x++) state->entries[count[x + columns * y]++] = block;
+                }
+            }
         }
     }
-    uint64_t total = 0;
-    for (uint32_t i = 0; i < columns * rows; i++) {
-        total += first[i + 2];
-        if (total > UINT32_MAX)
-            return df_fail(err, DF_ERROR_UNSUPPORTED, "--tracer splat: too many blocks in this view");
-        first[i + 2] += first[i + 1];
+    return status;
+}
+
+/* Orders blocks by depth, nearly. */
+static void sort_blocks(const df_block_rect *rects, const uint32_t *blocks, uint32_t count, uint32_t *sorted) {
+    uint32_t place[DEPTH_BUCKETS + 1] = {0};
+    float low = INFINITY, high = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const float t_near = rects[blocks[i]].t_near;
+        low = t_near < low ? t_near : low;
+        high = t_near > high ? t_near : high;
     }
-    status = reserve(&state->entries, &state->entry_capacity, total, err);
-    if (status != DF_OK) return status;
-    for (uint32_t i = 0; i < block_count;
-         i++) { /* fills, which moves first[t + 1] from the start to the end of tile t */
-        const tile_range range = tiles_of(state, &state->rects[state->order[i]]);
-        for (uint32_t y = range.y0; y <= range.y1; y++) {
-            for (uint32_t x = range.x0; x <= range.x1; x++)
-                state->entries[first[x + columns * y + 1]++] = state->order[i];
-        }
-    }
-    return DF_OK;
+    const float scale = high > low ? (float)(DEPTH_BUCKETS - 1) / (high - low) : 0;
+    for (uint32_t i = 0; i < count; i++) place[1 + (uint32_t)((rects[blocks[i]].t_near - low) * scale)]++;
+    for (uint32_t b = 0; b < DEPTH_BUCKETS; b++) place[b + 1] += place[b];
+    for (uint32_t i = 0; i < count; i++)
+        sorted[place[(uint32_t)((rects[blocks[i]].t_near - low) * scale)]++] = blocks[i];
 }
 
 /* Whether rays of an octree's view may start inside: the eye is in a leaf that is, or near a place that is. */
@@ -288,10 +301,7 @@ static df_status splat_begin_frame(void *opaque, const df_view *view, uint32_t f
     state->walks = state->scene->levels == 0 && starts_inside(state->scene, view);
     if (state->walks) return DF_OK;
     make_projection(view, &state->projection);
-#pragma omp parallel for schedule(static) num_threads(state->options.threads)
-    for (uint32_t block = 0; block < state->surface.block_count; block++)
-        state->rects[block] = block_rect(state, view, block);
-    return bin_blocks(state, view, sort_blocks(state), err);
+    return bin_blocks(state, view, err);
 }
 
 static uint32_t tile_index(const splat_state *state, const df_tile *tile) {
@@ -332,14 +342,17 @@ static df_status splat_trace(void *opaque, uint32_t thread, const df_tile *tile,
     hits->stencils = state->surface.stencils.samples ? &state->surface.stencils : NULL;
     if (state->walks) return df_tracer_adf_packet.trace(state->walk, thread, tile, hits, counters, err);
     const uint32_t t = tile_index(state, tile), rays = tile->rays.count;
+    const uint32_t first = state->tile_first[t], count = state->tile_first[t + 1] - first;
+    uint32_t *order = state->entries + state->entry_capacity / 2 + first;
+    sort_blocks(state->rects, state->entries + first, count, order);
     for (uint32_t i = 0; i < rays + DF_RAY_PADDING; i++) worker->depth[i] = INFINITY;
     const df_splat_job job = {state->scene,
                               &state->surface,
                               &state->projection,
                               tile,
                               state->rects,
-                              state->entries + state->tile_first[t],
-                              state->tile_first[t + 1] - state->tile_first[t],
+                              order,
+                              count,
                               DF_SOLVE_ISOLATES(state->options.solve),
                               worker->depth,
                               worker->record,
