@@ -46,10 +46,9 @@ bool read_keyword(std::istream &in, CGAL::File_header_OFF &header) {
     return word.compare(at, std::string::npos, "OFF") == 0;
 }
 
-// CGAL's reader of headers computes with the number of edges, whatever it is, until it overflows.
-bool read_header(std::istream &in, CGAL::File_header_OFF &header) {
-    std::array<std::int32_t, 3> counts{}; // vertices, faces, edges
-    if (!read_keyword(in >> CGAL::skip_comment_OFF, header)) return false;
+// The numbers of vertices, faces and edges. CGAL's reader of headers computes with the last, until it overflows.
+bool read_counts(std::istream &in, CGAL::File_header_OFF &header) {
+    std::array<std::int32_t, 3> counts{};
     in >> CGAL::skip_comment_OFF;
     if (in.peek() == 'B') {
         std::string line;
@@ -78,7 +77,12 @@ df_status df_mesh_parse_off(char *text, size_t size, const char *name, df_mesh_b
         df::memory_buffer buffer(text, size);
         std::istream stream(&buffer);
         CGAL::File_header_OFF header;
-        if (!read_header(stream, header)) return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
+        if (!read_keyword(stream >> CGAL::skip_comment_OFF, header))
+            return df_fail(err, DF_ERROR_FORMAT, "%s: not an OFF file", name);
+        if (!read_counts(stream, header)) {
+            return df_fail(err, DF_ERROR_FORMAT,
+                           "%s: the numbers of vertices, faces and edges after OFF are damaged or missing", name);
+        }
         const size_t vertices = header.size_of_vertices(), faces = header.size_of_facets();
         // each vertex and face takes more than one byte
         if (vertices > size || faces > size) {
