@@ -20,6 +20,8 @@ uint32_t DF_KERNEL(df_kernel_adf)(const df_packet_job *job, df_candidate *candid
 uint32_t DF_KERNEL(df_kernel_cgt)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 uint32_t DF_KERNEL(df_kernel_packet)(const df_packet_job *job, df_candidate *candidates, df_counters *counters);
 void DF_KERNEL(df_kernel_surface_boxes)(const df_scene *scene, const df_surface *surface, uint32_t block, float margin);
+void DF_KERNEL(df_kernel_block_rects)(const df_surface *surface, const df_projection *projection,
+                                      const df_tile *picture, uint32_t first, uint32_t count, df_block_rect *rects);
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters);
 void DF_KERNEL(df_kernel_splat_solve)(const df_splat_job *job, const df_trace_options *options, df_hits *hits);
 void DF_KERNEL(df_kernel_view_rays)(const df_view *view, uint32_t x, uint32_t y, uint32_t width, uint32_t height,

@@ -14,8 +14,10 @@
 
 #include "render/methods/cell.h"
 
-/* Pixels by which projected bounds are widened: far more than the rounding of the projection. */
+/* Pixels by which projected bounds of voxels and of blocks are widened: far more than the rounding of the projection.
+ */
 #define MARGIN 0.02f
+#define BLOCK_MARGIN 0.05f
 
 /* Voxels nearer to the eye's plane than this, in grid units of depth, count as covering the whole tile. */
 #define NEAR_DEPTH 0.01f
@@ -142,11 +144,10 @@ typedef struct voxels {
     uint32_t first, block; /* the record of lane 0, and the block of all */
 } voxels;
 
-/* Returns which of the voxels with boxes around `centre`, to both sides `half`, may be seen. */
-static lm project(const df_splat_job *job, const lf centre[3], const lf half[3], voxels *out) {
-    const df_projection *p = job->projection;
-    const df_tile *tile = job->tile;
-    const lf zero = lf_set(0), one = lf_set(1), margin = lf_set(MARGIN);
+/* Returns which of the voxels, or blocks, with boxes around `centre`, to both sides `half`, may be seen. */
+static inline __attribute__((always_inline)) lm project(const df_projection *p, const df_tile *tile, const lf centre[3],
+                                                        const lf half[3], lf margin, voxels *out) {
+    const lf zero = lf_set(0), one = lf_set(1);
     const lf last_x = lf_set((float)(tile->width - 1)), last_y = lf_set((float)(tile->height - 1));
     lf from_eye[3], at[3], reach[3];
     for (int a = 0; a < 3; a++) from_eye[a] = centre[a] - lf_set(p->eye[a]);
@@ -306,7 +307,7 @@ static inline void splat_voxels(const df_splat_job *job, queue *q, uint32_t bloc
         half[a] = (high - low) * sixteenth;
     }
     counters->fine_steps += count;
-    const lm seen = lm_and(project(job, centre, half, &of), lm_first(count));
+    const lm seen = lm_and(project(job->projection, job->tile, centre, half, lf_set(MARGIN), &of), lm_first(count));
     if (!lm_any(seen)) return;
     const lm large = lm_or(lf_le(lf_set(SMALL), of.x1 - of.x0), lf_le(lf_set(SMALL), of.y1 - of.y0));
     if (lm_any(lm_and(seen, large))) queue_large(job, q, &of, seen, counters, octree);
@@ -327,6 +328,39 @@ static inline void splat_blocks(const df_splat_job *job, df_counters *counters, 
         }
     }
     flush(job, &q, 1, counters, octree);
+}
+
+void DF_KERNEL(df_kernel_block_rects)(const df_surface *surface, const df_projection *projection,
+                                      const df_tile *picture, uint32_t first, uint32_t count, df_block_rect *rects) {
+    for (uint32_t n = first; n < first + count; n += DF_LANES) {
+        const uint32_t lanes = first + count - n < DF_LANES ? first + count - n : DF_LANES;
+        float half_sizes[DF_LANES], t_near[DF_LANES];
+        int32_t x0[DF_LANES], y0[DF_LANES], x1[DF_LANES], y1[DF_LANES];
+        lf centre[3], half[3];
+        voxels of;
+        for (uint32_t i = 0; i < DF_LANES; i++) {
+            const bool varies = surface->block_log2 && i < lanes;
+            half_sizes[i] = 0.5f * (float)(1u << (varies ? surface->block_log2[n + i] : surface->k_shift));
+        }
+        for (int a = 0; a < 3; a++) {
+            half[a] = lf_load(half_sizes);
+            centre[a] = lf_from_li(li_load((const int32_t *)surface->corner[a] + n)) + half[a];
+        }
+        const lm seen = project(projection, picture, centre, half, lf_set(BLOCK_MARGIN), &of);
+        const uint32_t bits = lm_bits(seen);
+        li_store(x0, li_from_lf(lf_masked(seen, of.x0)));
+        li_store(y0, li_from_lf(lf_masked(seen, of.y0)));
+        li_store(x1, li_from_lf(lf_masked(seen, of.x1)));
+        li_store(y1, li_from_lf(lf_masked(seen, of.y1)));
+        lf_store(t_near, of.t_near);
+        for (uint32_t i = 0; i < lanes; i++) {
+            const bool visible = bits >> i & 1 && surface->first[n + i] < surface->first[n + i + 1];
+            rects[n + i] = (df_block_rect){.x0 = 1};
+            if (!visible) continue;
+            rects[n + i] = (df_block_rect){(uint16_t)x0[i], (uint16_t)(picture->y + (uint32_t)y0[i]), (uint16_t)x1[i],
+                                           (uint16_t)(picture->y + (uint32_t)y1[i]), t_near[i]};
+        }
+    }
 }
 
 void DF_KERNEL(df_kernel_splat)(const df_splat_job *job, df_counters *counters) {

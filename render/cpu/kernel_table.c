@@ -18,6 +18,7 @@ const df_kernels DF_KERNEL(df_kernels) = {
     .cgt = DF_KERNEL(df_kernel_cgt),
     .packet = DF_KERNEL(df_kernel_packet),
     .surface_boxes = DF_KERNEL(df_kernel_surface_boxes),
+    .block_rects = DF_KERNEL(df_kernel_block_rects),
     .splat = DF_KERNEL(df_kernel_splat),
     .splat_solve = DF_KERNEL(df_kernel_splat_solve),
     .shade = DF_KERNEL(df_kernel_shade),

@@ -64,7 +64,7 @@ typedef struct df_surface {
     uint32_t *first;     /* by block: index of its first record; first[block_count] is the number of records */
     uint32_t *voxels;    /* by record, padded by DF_RAY_PADDING */
     void *corners;       /* by record: the 8 samples at the corners, as the field stores them; of octrees decoded */
-    uint32_t *corner[3]; /* by block: its lower corner in voxels; one allocation, corner[0] */
+    uint32_t *corner[3]; /* by block: its lower corner in voxels; one allocation, corner[0], padded by DF_RAY_PADDING */
     uint32_t *leaves;    /* by record: 8 * family + child; NULL: no octree */
     uint8_t *block_log2; /* by block: the logarithm of its size in voxels; NULL: all k_shift */
     df_leaf_stencils stencils; /* of octrees */
@@ -149,6 +149,11 @@ struct df_kernels {
     /* Adds the boxes of a block's records, whose corners are there, to surface->voxels, widened by `margin` voxels. Not
      * of octrees. */
     void (*surface_boxes)(const df_scene *scene, const df_surface *surface, uint32_t block, float margin);
+
+    /* What `count` blocks from `first` on cover of a picture, or of some rows of it: a tile of which the rays are not
+     * looked at, with x = 0. */
+    void (*block_rects)(const df_surface *surface, const df_projection *projection, const df_tile *picture,
+                        uint32_t first, uint32_t count, df_block_rect *rects);
 
     /* Finds the accepted voxels of a tile. The depth array must be padded by DF_RAY_PADDING. */
     void (*splat)(const df_splat_job *job, df_counters *counters);

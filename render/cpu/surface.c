@@ -32,7 +32,8 @@ df_status df_surface_alloc_blocks(df_surface *surface, df_error *err) {
     const uint64_t blocks = surface->block_count;
     df_status status = df_alloc((void **)&surface->first, blocks + 1, sizeof *surface->first, "surface records", err);
     if (status == DF_OK)
-        status = df_alloc((void **)&surface->corner[0], blocks * 3, sizeof *surface->corner[0], "surface records", err);
+        status = df_alloc((void **)&surface->corner[0], blocks * 3 + DF_RAY_PADDING, sizeof *surface->corner[0],
+                          "surface records", err);
     for (int a = 1; a < 3 && status == DF_OK; a++) surface->corner[a] = surface->corner[a - 1] + blocks;
     return status;
 }

@@ -136,56 +136,15 @@ static void make_projection(const df_view *view, df_projection *projection) {
     for (int a = 0; a < 3; a++) projection->eye[a] = (float)view->eye[a];
 }
 
-/* Clamps to low <= x < end. */
-static uint16_t clamp_pixel(double x, uint32_t low, uint32_t end) {
-    return (uint16_t)(x < low ? low : x > end - 1.0 ? end - 1 : (uint32_t)x);
-}
-
-static df_block_rect block_rect(const splat_state *state, const df_view *view, uint32_t block) {
-    const df_projection *p = &state->projection;
-    const uint8_t *block_log2 = state->surface.block_log2;
-    const double half = (1u << (block_log2 ? block_log2[block] : state->surface.k_shift)) / 2.0, margin = 0.05;
-    df_block_rect rect = {.x0 = 1};
-    double centre[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
-    if (state->surface.first[block] == state->surface.first[block + 1]) return rect;
-    for (int i = 0; i < 3; i++) {
-        for (int a = 0; a < 3; a++)
-            centre[i] += (double)p->rows[i][a] * (state->surface.corner[a][block] + half - view->eye[a]);
-    }
-    for (int a = 0; a < 3; a++) reach[0] += half * fabs((double)p->rows[0][a]);
-    const double w = centre[0], nearest = w - reach[0];
-    if (w + reach[0] < 0) return rect;
-    if (nearest < 0.01) {
-        return (df_block_rect){0, (uint16_t)state->first_row, (uint16_t)(view->width - 1),
-                               (uint16_t)(state->end_row - 1), 0};
-    }
-    for (int i = 1; i < 3; i++) {
-        for (int a = 0; a < 3; a++)
-            reach[i] += half * fabs((double)p->rows[i][a] - centre[i] / w * (double)p->rows[0][a]);
-        reach[i] = reach[i] / nearest + margin;
-    }
-    const double x0 = ceil(centre[1] / w - reach[1]), x1 = floor(centre[1] / w + reach[1]);
-    const double y0 = ceil(centre[2] / w - reach[2]), y1 = floor(centre[2] / w + reach[2]);
-    if (x1 < 0 || y1 < state->first_row || x0 > view->width - 1.0 || y0 > state->end_row - 1.0 || x1 < x0 || y1 < y0)
-        return rect;
-    rect.x0 = clamp_pixel(x0, 0, view->width);
-    rect.x1 = clamp_pixel(x1, 0, view->width);
-    rect.y0 = clamp_pixel(y0, state->first_row, state->end_row);
-    rect.y1 = clamp_pixel(y1, state->first_row, state->end_row);
-    rect.t_near = (float)(nearest * 0.99999);
-    return rect;
-}
-
-static bool visible(const df_block_rect *rect) { return rect->x0 <= rect->x1; }
-
-/* The tiles that a rectangle of pixels meets, inclusive. */
+/* The tiles that a rectangle of pixels meets; x1 and y1 are one too many. */
 typedef struct tile_range {
     uint32_t x0, y0, x1, y1;
 } tile_range;
 
 static tile_range tiles_of(const splat_state *state, const df_block_rect *rect) {
     const uint32_t w = state->options.tile_width, h = state->options.tile_height, y0 = state->first_row;
-    return (tile_range){rect->x0 / w, (rect->y0 - y0) / h, rect->x1 / w, (rect->y1 - y0) / h};
+    if (rect->x0 > rect->x1) return (tile_range){0};
+    return (tile_range){rect->x0 / w, (rect->y0 - y0) / h, rect->x1 / w + 1, (rect->y1 - y0) / h + 1};
 }
 
 static df_status reserve(uint32_t **array, uint64_t *capacity, uint64_t count, df_error *err) {
@@ -215,12 +174,21 @@ static df_status place_entries(splat_state *state, uint32_t tiles, df_error *err
     return reserve(&state->entries, &state->entry_capacity, 2 * total, err);
 }
 
+/* Blocks that a thread looks at in one go. */
+#define BLOCK_SHARE 256u
+static uint32_t end_of_share(uint32_t first, uint32_t blocks) {
+    return blocks - first < BLOCK_SHARE ? blocks : first + BLOCK_SHARE;
+}
+
 /* Lists the visible blocks of every tile. */
 static df_status bin_blocks(splat_state *state, const df_view *view, df_error *err) {
     const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
     const uint32_t rows =
         (state->end_row - state->first_row + state->options.tile_height - 1) / state->options.tile_height;
     const uint32_t tiles = columns * rows, blocks = state->surface.block_count;
+    const uint32_t shares = blocks / BLOCK_SHARE + (blocks % BLOCK_SHARE != 0);
+    const df_tile picture = {
+        .view = view, .y = state->first_row, .width = view->width, .height = state->end_row - state->first_row};
     const uint64_t counts = (uint64_t)tiles * state->options.threads;
     state->tile_columns = columns;
     df_status status = reserve(&state->tile_first, &state->tile_capacity, (uint64_t)tiles + 1, err);
@@ -231,23 +199,28 @@ static df_status bin_blocks(splat_state *state, const df_view *view, df_error *e
     {
         uint32_t *count = state->counts + (size_t)tiles * (uint32_t)omp_get_thread_num();
 #pragma omp for schedule(static)
-        for (uint32_t block = 0; block < blocks; block++) {
-            const df_block_rect rect = state->rects[block] = block_rect(state, view, block);
-            if (!visible(&rect)) continue;
-            const tile_range range = tiles_of(state, &rect);
-            for (uint32_t y = range.y0; y <= range.y1; y++) {
-                for (uint32_t x = range.x0; x <= range.x1; x++) count[x + columns * y]++;
+        for (uint32_t share = 0; share < shares; share++) {
+            const uint32_t first = share * BLOCK_SHARE, end = end_of_share(first, blocks);
+            state->options.kernels->block_rects(&state->surface, &state->projection, &picture, first, end - first,
+                                                state->rects);
+            for (uint32_t block = first; block < end; block++) {
+                const tile_range range = tiles_of(state, &state->rects[block]);
+                for (uint32_t y = range.y0; y < range.y1; y++) {
+                    for (uint32_t x = range.x0; x < range.x1; x++) count[x + columns * y]++;
+                }
             }
         }
 #pragma omp single
         status = place_entries(state, tiles, err);
         if (status == DF_OK) {
-#pragma omp for schedule(static) /* the same blocks to each thread as above */
-            for (uint32_t block = 0; block < blocks; block++) {
-                if (!visible(&state->rects[block])) continue;
-                const tile_range range = tiles_of(state, &state->rects[block]);
-                for (uint32_t y = range.y0; y <= range.y1; y++) {
-                    for (uint32_t x = range.x0; x <= range.x1; x++) state->entries[count[x + columns * y]++] = block;
+#pragma omp for schedule(static) /* the same shares to each thread as above */
+            for (uint32_t share = 0; share < shares; share++) {
+                const uint32_t first = share * BLOCK_SHARE, end = end_of_share(first, blocks);
+                for (uint32_t block = first; block < end; block++) {
+                    const tile_range range = tiles_of(state, &state->rects[block]);
+                    for (uint32_t y = range.y0; y < range.y1; y++) {
+                        for (uint32_t x = range.x0; x < range.x1; x++) state->entries[count[x + columns * y]++] = block;
+                    }
                 }
             }
         }
