@@ -38,6 +38,7 @@ typedef struct octree {
 /* An edge of the octree: from a grid corner along an axis, with the values at its ends, minus iso. */
 typedef struct edge {
     uint32_t corner[3], axis, length;
+    uint32_t family; /* of a leaf on it: from where those around it are found */
     double low, high;
 } edge;
 
@@ -63,21 +64,37 @@ typedef struct scratch {
     df_mc_patch patch;
 } scratch;
 
-static uint32_t level_of(const octree *o, uint32_t side) {
-    return o->field->level_count - (uint32_t)__builtin_ctz(side);
-}
-
 static bool cell_in_box(const octree *o, const df_adf_cell *cell) {
     const uint32_t *end = o->field->voxel_count;
     return cell->corner[0] < end[0] && cell->corner[1] < end[1] && cell->corner[2] < end[2];
 }
 
-/* The leaf around a voxel, or the cell of `side` where the tree is deeper there. False outside the root. */
-static bool find_cell(const octree *o, const uint32_t voxel[3], uint32_t side, df_adf_cell *cell) {
-    uint32_t root = 1u << o->field->level_count;
+/* The leaf around a voxel, or the cell of `side` where the tree is deeper there. False outside the root. The way leads
+ * from `family`, which is near and whose children are no smaller than `side`, up as far as it must and down again. */
+static bool find_cell(const octree *o, uint32_t family, const uint32_t voxel[3], uint32_t side, df_adf_cell *cell) {
+    const uint32_t root = 1u << o->field->level_count;
+    const df_family *families = o->field->families;
+    const family_record *r = &o->records[family];
+    assert(side <= r->child_side);
     if (voxel[0] >= root || voxel[1] >= root || voxel[2] >= root) return false; /* also below 0 */
-    df_adf_find(o->field, (double[3]){voxel[0], voxel[1], voxel[2]}, level_of(o, side), cell);
-    return true;
+    for (;; r = &o->records[family]) {
+        const uint32_t length = 2u * r->child_side;
+        if (voxel[0] - r->corner[0] < length && voxel[1] - r->corner[1] < length && voxel[2] - r->corner[2] < length)
+            break; /* the root's in any case */
+        family = families[family].parent >> 3;
+    }
+    for (;; r = &o->records[family]) {
+        uint32_t child = 0;
+        for (uint32_t a = 0; a < 3; a++) child |= (uint32_t)(voxel[a] - r->corner[a] >= r->child_side) << a;
+        const df_child_state state = df_family_state(&families[family], child);
+        if (state == DF_CHILD_FAMILY && r->child_side > side) {
+            family = df_family_child(&families[family], child);
+            continue;
+        }
+        *cell = (df_adf_cell){.side = r->child_side, .family = family, .child = child, .state = state};
+        for (uint32_t a = 0; a < 3; a++) cell->corner[a] = r->corner[a] + (child >> a & 1) * cell->side;
+        return true;
+    }
 }
 
 /* The voxel at `corner` in quadrant 0..3 around a line along an axis: bits 0 and 1 set: below on the first, second of
@@ -101,11 +118,13 @@ static void refine_edge(const octree *o, edge *e) {
         df_adf_cell cell;
         uint32_t voxel[3];
         quadrant_voxel(e->corner, e->axis, quadrant, voxel);
-        if (!find_cell(o, voxel, e->length, &cell) || cell.state != DF_CHILD_FAMILY || cell.side != e->length) continue;
+        if (!find_cell(o, e->family, voxel, e->length, &cell) || cell.state != DF_CHILD_FAMILY ||
+            cell.side != e->length)
+            continue;
         float corners[8];
         e->length /= 2;
         voxel[e->axis] += e->length;
-        find_cell(o, voxel, e->length, &cell);
+        find_cell(o, e->family, voxel, e->length, &cell);
         df_adf_corners(o->field, cell.family, cell.child, corners);
         double middle = (double)corners[quadrant_corner(e->axis, quadrant)] - (double)o->params.iso;
         if ((middle < 0) == (e->low < 0)) {
@@ -128,7 +147,7 @@ static void find_owner(const octree *o, const edge *e, uint32_t *family, uint32_
         df_adf_cell cell;
         uint32_t voxel[3];
         quadrant_voxel(e->corner, e->axis, quadrant, voxel);
-        if (!find_cell(o, voxel, e->length, &cell)) continue;
+        if (!find_cell(o, e->family, voxel, e->length, &cell)) continue;
         *used = *used || cell_in_box(o, &cell);
         if (*family != DF_MC_NONE || cell.side != e->length) continue;
         *family = cell.family;
@@ -142,6 +161,7 @@ static void set_edge(const leaf *l, uint32_t local_edge, edge *e) {
     df_mc_edge_corners(local_edge, ends);
     for (uint32_t a = 0; a < 3; a++) e->corner[a] = l->cell.corner[a] + (ends[0] >> a & 1) * l->cell.side;
     e->axis = local_edge / 4;
+    e->family = l->cell.family;
     e->length = l->cell.side;
     e->low = l->values[ends[0]];
     e->high = l->values[ends[1]];
@@ -171,7 +191,7 @@ static void family_child(const octree *o, uint32_t family, uint32_t child, df_ad
 static bool beyond_face(const octree *o, const df_adf_cell *cell, uint32_t face, df_adf_cell *beyond) {
     uint32_t voxel[3] = {cell->corner[0], cell->corner[1], cell->corner[2]};
     voxel[face / 2] += face & 1 ? cell->side : (uint32_t)-1;
-    return find_cell(o, voxel, cell->side, beyond);
+    return find_cell(o, cell->family, voxel, cell->side, beyond);
 }
 
 /* True when the surface meets a face of the leaf that finer leaves divide. */
@@ -262,7 +282,7 @@ static df_status join_beyond(const octree *o, scratch *s, const df_adf_cell *cel
         uint32_t voxel[3];
         if ((child >> axis & 1) != (face & 1)) continue;
         for (uint32_t a = 0; a < 3; a++) voxel[a] = cell->corner[a] + (child >> a & 1) * half;
-        find_cell(o, voxel, half, &part);
+        find_cell(o, cell->family, voxel, half, &part);
         df_status status = join_beyond(o, s, &part, face, err);
         if (status != DF_OK) return status;
     }
