@@ -197,17 +197,26 @@ static void ply_triangle_strips_are_read(void **state) {
 
 /* ---- OFF ---- */
 
+/* The lines of the box's vertices, scaled, and of its faces, each followed by `rest`. */
+static void put_off_vertices(buffer *b, double scale, const char *rest) {
+    for (int v = 0; v < 8; v++)
+        put(b, "%g %g %g%s\n", scale * corners[v][0], scale * corners[v][1], scale * corners[v][2], rest);
+}
+static void put_off_faces(buffer *b, const char *rest) {
+    for (int q = 0; q < 6; q++) put(b, "4 %d %d %d %d%s\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3], rest);
+}
+
 static void off_dialects_are_read(void **state) {
     (void)state;
     buffer b = {.size = 0};
     put(&b, "OFF\n# a box\n8 6 12\n");
-    for (int v = 0; v < 8; v++) put(&b, "%g %g %g\n", corners[v][0], corners[v][1], corners[v][2]);
+    put_off_vertices(&b, 1, "");
     for (int q = 0; q < 6; q++) put(&b, "4  %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
     is_the_box(df_mesh_parse_off, &b, "off");
     b.size = 0;
     put(&b, "COFF\n8 6 0\n\n");
-    for (int v = 0; v < 8; v++) put(&b, "%g %g %g 255 0 0 255\n", corners[v][0], corners[v][1], corners[v][2]);
-    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    put_off_vertices(&b, 1, " 255 0 0 255");
+    put_off_faces(&b, "");
     is_the_box(df_mesh_parse_off, &b, "off with colours");
     b.size = 0;
     put(&b, "COFF\n8 6 0\n\n"); /* colours are promised, and some lines have none, or parts */
@@ -216,18 +225,17 @@ static void off_dialects_are_read(void **state) {
             v % 3 == 0   ? ""
             : v % 3 == 1 ? " 7"
                          : " 7 0.5");
-    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d 3\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    put_off_faces(&b, " 3");
     is_the_box(df_mesh_parse_off, &b, "off with colours missing");
     b.size = 0;
     put(&b, "# first\n\nOFF8 6 # of edges nobody needs the number\n2147483647\n");
-    for (int v = 0; v < 8; v++) put(&b, "%g %g %g\n", corners[v][0], corners[v][1], corners[v][2]);
-    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    put_off_vertices(&b, 1, "");
+    put_off_faces(&b, "");
     is_the_box(df_mesh_parse_off, &b, "off whose keyword touches its numbers");
     b.size = 0;
     put(&b, "ST4OFF\n8 6 12\n");
-    for (int v = 0; v < 8; v++)
-        put(&b, "%g %g %g 2 0.5 0.5\n", 2 * corners[v][0], 2 * corners[v][1], 2 * corners[v][2]);
-    for (int q = 0; q < 6; q++) put(&b, "4 %d %d %d %d\n", quads[q][0], quads[q][1], quads[q][2], quads[q][3]);
+    put_off_vertices(&b, 2, " 2 0.5 0.5");
+    put_off_faces(&b, "");
     is_the_box(df_mesh_parse_off, &b, "off with weights and textures");
 }
 

@@ -12,13 +12,6 @@
 
 #include <cmocka.h>
 
-static double trilinear(const float corner[8], const double p[3]) {
-    double sum = 0;
-    for (int c = 0; c < 8; c++)
-        sum += (double)corner[c] * (c & 1 ? p[0] : 1 - p[0]) * (c & 2 ? p[1] : 1 - p[1]) * (c & 4 ? p[2] : 1 - p[2]);
-    return sum;
-}
-
 static void random_point(test_random *random, double p[3]) {
     for (int a = 0; a < 3; a++) {
         p[a] = test_uniform(random);
@@ -52,11 +45,11 @@ static void boxes_hold_the_surface(void **unused) {
             double p[3], q[3];
             random_point(&random, p);
             random_point(&random, q);
-            if (trilinear(corner, p) * trilinear(corner, q) > 0) continue;
+            if (df_trilinear(corner, p) * df_trilinear(corner, q) > 0) continue;
             for (int i = 0; i < 50; i++) {
                 double middle[3];
                 for (int a = 0; a < 3; a++) middle[a] = (p[a] + q[a]) / 2;
-                memcpy(trilinear(corner, middle) * trilinear(corner, q) > 0 ? q : p, middle, sizeof middle);
+                memcpy(df_trilinear(corner, middle) * df_trilinear(corner, q) > 0 ? q : p, middle, sizeof middle);
             }
             roots++;
             for (int a = 0; a < 3; a++) {

@@ -355,10 +355,10 @@ void DF_KERNEL(df_kernel_block_rects)(const df_surface *surface, const df_projec
         lf_store(t_near, of.t_near);
         for (uint32_t i = 0; i < lanes; i++) {
             const bool visible = bits >> i & 1 && surface->first[n + i] < surface->first[n + i + 1];
-            rects[n + i] = (df_block_rect){.x0 = 1};
-            if (!visible) continue;
-            rects[n + i] = (df_block_rect){(uint16_t)x0[i], (uint16_t)(picture->y + (uint32_t)y0[i]), (uint16_t)x1[i],
-                                           (uint16_t)(picture->y + (uint32_t)y1[i]), t_near[i]};
+            const uint32_t top = picture->y + (uint32_t)y0[i], bottom = picture->y + (uint32_t)y1[i];
+            rects[n + i] =
+                visible ? (df_block_rect){(uint16_t)x0[i], (uint16_t)top, (uint16_t)x1[i], (uint16_t)bottom, t_near[i]}
+                        : (df_block_rect){.x0 = 1};
         }
     }
 }

@@ -1,7 +1,7 @@
 #include "render/cpu/surface.h"
 #include "common/memory.h"
 #include "render/cpu/fetch.h"
-#include "render/methods/surface_box.h"
+#include "render/cpu/surface_box.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -51,14 +51,7 @@ df_status df_surface_alloc_records(df_surface *surface, uint64_t count, df_error
     return status;
 }
 
-uint32_t df_surface_box(const float corner[8], float margin) {
-    li low[3], high[3];
-    uint32_t box = 0;
-    df_surface_eighths(corner, margin, low, high);
-    for (int a = 0; a < 3; a++)
-        box |= (uint32_t)low[a] << (DF_SURFACE_LOW + 3 * a) | (uint32_t)high[a] << (DF_SURFACE_HIGH + 3 * a);
-    return box;
-}
+uint32_t df_surface_box(const float corner[8], float margin) { return (uint32_t)df_surface_box_bits(corner, margin); }
 
 float df_surface_margin(const df_scene *scene) {
     const uint32_t *count = scene->voxel_count;

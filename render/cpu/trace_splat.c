@@ -180,6 +180,26 @@ static uint32_t end_of_share(uint32_t first, uint32_t blocks) {
     return blocks - first < BLOCK_SHARE ? blocks : first + BLOCK_SHARE;
 }
 
+/* Adds the blocks of a share to the counts of the tiles that they may be seen in. */
+static void count_blocks(const splat_state *state, uint32_t first, uint32_t end, uint32_t *count) {
+    for (uint32_t block = first; block < end; block++) {
+        const tile_range range = tiles_of(state, &state->rects[block]);
+        for (uint32_t y = range.y0; y < range.y1; y++) {
+            for (uint32_t x = range.x0; x < range.x1; x++) count[x + state->tile_columns * y]++;
+        }
+    }
+}
+
+/* Lists them, from the places in `next` on. */
+static void list_blocks(const splat_state *state, uint32_t first, uint32_t end, uint32_t *next) {
+    for (uint32_t block = first; block < end; block++) {
+        const tile_range range = tiles_of(state, &state->rects[block]);
+        for (uint32_t y = range.y0; y < range.y1; y++) {
+            for (uint32_t x = range.x0; x < range.x1; x++) state->entries[next[x + state->tile_columns * y]++] = block;
+        }
+    }
+}
+
 /* Lists the visible blocks of every tile. */
 static df_status bin_blocks(splat_state *state, const df_view *view, df_error *err) {
     const uint32_t columns = (view->width + state->options.tile_width - 1) / state->options.tile_width;
@@ -203,25 +223,15 @@ static df_status bin_blocks(splat_state *state, const df_view *view, df_error *e
             const uint32_t first = share * BLOCK_SHARE, end = end_of_share(first, blocks);
             state->options.kernels->block_rects(&state->surface, &state->projection, &picture, first, end - first,
                                                 state->rects);
-            for (uint32_t block = first; block < end; block++) {
-                const tile_range range = tiles_of(state, &state->rects[block]);
-                for (uint32_t y = range.y0; y < range.y1; y++) {
-                    for (uint32_t x = range.x0; x < range.x1; x++) count[x + columns * y]++;
-                }
-            }
+            count_blocks(state, first, end, count);
         }
 #pragma omp single
         status = place_entries(state, tiles, err);
         if (status == DF_OK) {
 #pragma omp for schedule(static) /* the same shares to each thread as above */
             for (uint32_t share = 0; share < shares; share++) {
-                const uint32_t first = share * BLOCK_SHARE, end = end_of_share(first, blocks);
-                for (uint32_t block = first; block < end; block++) {
-                    const tile_range range = tiles_of(state, &state->rects[block]);
-                    for (uint32_t y = range.y0; y < range.y1; y++) {
-                        for (uint32_t x = range.x0; x < range.x1; x++) state->entries[count[x + columns * y]++] = block;
-                    }
-                }
+                const uint32_t first = share * BLOCK_SHARE;
+                list_blocks(state, first, end_of_share(first, blocks), count);
             }
         }
     }
