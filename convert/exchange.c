@@ -27,6 +27,8 @@ typedef struct conversion {
     const char *format;      /* of the input: "dfield", "vdb", "npy", "nrrd" */
     df_field_kind from_kind; /* of the input; 0 for a .vdb */
     char grid[128];          /* of a .vdb */
+    uint32_t version;        /* of a .vdb's format, where it is newer than the last that OpenVDB knows; 0 */
+    uint32_t known_version;  /* that last one */
     double band;             /* voxels: where distances end; 0: nowhere */
     double filled;           /* voxels: the distance that samples got which were not stored; 0: none */
     uint64_t clipped;        /* stored samples of a .vdb that stand at the end of its band */
@@ -127,6 +129,10 @@ static df_status read_vdb(conversion *c, df_error *err) {
     if (status != DF_OK) return status;
     c->read_ms = df_now_ms() - start;
     c->band = info.band;
+    if (info.version > info.known_version) {
+        c->version = info.version;
+        c->known_version = info.known_version;
+    }
     snprintf(c->grid, sizeof c->grid, "%s", info.grid);
     df_vdb_source(vdb, &source);
     df_build_input input = {.name = r->input,
@@ -257,6 +263,10 @@ static void print_report(const conversion *c, uint64_t peak) {
                c->structure_ms);
     if (c->from_kind == DF_FIELD_ADF && f->kind != DF_FIELD_ADF)
         printf("note      samples interpolated in the octree's leaves\n");
+    if (c->version)
+        printf("note      version %" PRIu32 " of the format is newer than %" PRIu32
+               ", the last that OpenVDB knows here\n",
+               c->version, c->known_version);
     printf("wrote     %s, %.2f MB, in %.0f ms\n", c->request->output, (double)c->bytes / 1e6, c->write_ms);
     printf("total     %.0f ms, peak memory %.0f MB\n", c->total_ms, (double)peak / 1e6);
 }
@@ -277,6 +287,7 @@ static df_status print_json(const conversion *c, uint64_t peak, df_error *err) {
         (json_int_t)peak);
     if (root && c->grid[0]) json_object_set_new(root, "grid", json_string(c->grid));
     if (root && c->band > 0) json_object_set_new(root, "band_voxels", json_real(c->band));
+    if (root && c->version) json_object_set_new(root, "unknown_version", json_integer(c->version));
     if (root && f->kind == DF_FIELD_BRICKS) json_object_set_new(root, "bricks", json_integer(f->brick_count));
     bool printed = root && json_dumpf(root, stdout, JSON_INDENT(1)) == 0 && printf("\n") > 0;
     json_decref(root);

@@ -23,7 +23,8 @@ typedef struct df_vdb_info {
     double band;      /* half width, voxels of the x axis */
     float background; /* the same in world units: no value lies beyond */
     uint64_t active_voxels;
-    bool half; /* stored as 16-bit floats */
+    bool half;                       /* stored as 16-bit floats */
+    uint32_t version, known_version; /* of the format, in the file, and the newest that OpenVDB knows */
 } df_vdb_info;
 
 /* Reads the level set called `grid`, or with NULL the only one in the file. Its lattice, for bricks of brick_size
@@ -32,6 +33,11 @@ typedef struct df_vdb_info {
  * mirrored. On failure *vdb is NULL. */
 df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, df_vdb **vdb, df_vdb_info *info,
                       df_error *err);
+
+/* The same without the process that reads the file first, to see what it does: OpenVDB trusts the numbers in a file, so
+ * that a damaged one may end the program. */
+df_status df_vdb_read_trusted(const char *path, const char *grid, uint32_t brick_size, df_vdb **vdb, df_vdb_info *info,
+                              df_error *err);
 void df_vdb_free(df_vdb *vdb);
 
 /* The values as a signed source for df_build (does not own the level set), and the cells it must look at. */

@@ -22,6 +22,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <iostream>
 #include <memory>
 #include <new>
 #include <sstream>
@@ -48,9 +49,19 @@ const char *const box_key = "distfield_voxel_count"; // metadata: the box of a f
 
 std::string quoted(const std::string &name) { return "\"" + name + "\""; }
 
+// OpenVDB logs to std::cout, where reports go. What it would warn of is in df_vdb_info.
+struct silence {
+    std::streambuf *const kept = std::cout.rdbuf(nullptr);
+    silence() = default;
+    silence(const silence &) = delete;
+    silence &operator=(const silence &) = delete;
+    ~silence() { std::cout.rdbuf(kept); }
+};
+
 // Every grid of a file. Reading throws where the file ends too soon: its stream reports that, OpenVDB by itself does
 // not.
 openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
+    const silence while_reading;
     file.exceptions(std::ios::badbit | std::ios::failbit | std::ios::eofbit);
     return openvdb::io::Stream(file, false).getGrids();
 }
@@ -243,58 +254,79 @@ void fill(const void *user, const df_lattice *, const df_sample_box *box, float 
     }
 }
 
+df_status read_file(const char *path, openvdb::GridPtrVecPtr &grids, df_vdb_info *info, df_error *err) {
+    std::ifstream file(path, std::ios::binary);
+    if (!file) return df_fail(err, DF_ERROR_IO, "%s: cannot be opened", path);
+    try {
+        grids = read_grids(file);
+    } catch (const std::ios_base::failure &) {
+        if (file.bad()) return df_fail(err, DF_ERROR_IO, "%s: cannot read the file", path);
+        return df_fail(err, DF_ERROR_FORMAT, "%s: the file is truncated", path);
+    } catch (const openvdb::Exception &e) {
+        return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged: %s", path, e.what());
+    } catch (const std::bad_alloc &) {
+        return df_fail(err, DF_ERROR_MEMORY, "%s: out of memory, or the file is damaged", path);
+    }
+    info->version = openvdb::io::getFormatVersion(file);
+    info->known_version = openvdb::OPENVDB_FILE_VERSION;
+    return DF_OK;
+}
+
+df_status read_level_set(const char *path, const char *grid, uint32_t brick_size, df_vdb &vdb, df_vdb_info *info,
+                         df_error *err) {
+    openvdb::GridPtrVecPtr grids;
+    double index_origin[3];
+    df_status status = read_file(path, grids, info, err);
+    if (status == DF_OK) status = choose(*grids, path, grid, vdb.grid, err);
+    if (status == DF_OK) status = read_transform(*vdb.grid, path, info->voxel_size, index_origin, err);
+    df_lattice &l = vdb.lattice;
+    if (status == DF_OK) status = find_box(*vdb.grid, path, vdb.first, l.voxel_count, err);
+    if (status != DF_OK) return status;
+    l.voxel_size = info->voxel_size[0];
+    l.brick_size = brick_size;
+    for (int a = 0; a < 3; a++) {
+        l.origin[a] = index_origin[a] + vdb.first[a] * info->voxel_size[a];
+        l.cell_count[a] = (l.voxel_count[a] + brick_size - 1) / brick_size;
+    }
+    if (!(vdb.grid->background() > 0))
+        return df_fail(err, DF_ERROR_INPUT, "%s: its background %g is not outside", path,
+                       double(vdb.grid->background()));
+    mark_cells(vdb);
+    vdb.name = vdb.grid->getName();
+    info->grid = vdb.name.c_str();
+    info->lattice = l;
+    info->background = vdb.grid->background();
+    info->band = double(info->background) / info->voxel_size[0];
+    info->active_voxels = vdb.grid->activeVoxelCount();
+    info->half = vdb.grid->saveFloatAsHalf();
+    return DF_OK;
+}
+
 } // namespace
+
+df_status df_vdb_read_trusted(const char *path, const char *grid, uint32_t brick_size, df_vdb **out, df_vdb_info *info,
+                              df_error *err) {
+    *out = nullptr;
+    *info = df_vdb_info{};
+    auto vdb = std::unique_ptr<df_vdb>();
+    const df_status status = df::guard(path, DF_ERROR_FORMAT, err, [&]() -> df_status {
+        openvdb::initialize();
+        vdb = std::make_unique<df_vdb>();
+        return read_level_set(path, grid, brick_size, *vdb, info, err);
+    });
+    if (status == DF_OK) *out = vdb.release();
+    return status;
+}
 
 df_status df_vdb_read(const char *path, const char *grid, uint32_t brick_size, df_vdb **out, df_vdb_info *info,
                       df_error *err) {
     *out = nullptr;
     *info = df_vdb_info{};
-    auto vdb = std::unique_ptr<df_vdb>();
-    df_status status = df::guard(path, DF_ERROR_FORMAT, err, [&]() -> df_status {
+    const df_status tried = df::guard(path, DF_ERROR_FORMAT, err, [&]() -> df_status {
         openvdb::initialize();
-        std::ifstream file(path, std::ios::binary);
-        if (!file) return df_fail(err, DF_ERROR_IO, "%s: cannot be opened", path);
-        openvdb::GridPtrVecPtr grids;
-        const df_status tried = try_reading(path, err);
-        if (tried != DF_OK) return tried;
-        try {
-            grids = read_grids(file);
-        } catch (const std::ios_base::failure &) {
-            if (file.bad()) return df_fail(err, DF_ERROR_IO, "%s: cannot read the file", path);
-            return df_fail(err, DF_ERROR_FORMAT, "%s: the file is truncated", path);
-        } catch (const openvdb::Exception &e) {
-            return df_fail(err, DF_ERROR_FORMAT, "%s: the file is damaged: %s", path, e.what());
-        } catch (const std::bad_alloc &) {
-            return df_fail(err, DF_ERROR_MEMORY, "%s: out of memory, or the file is damaged", path);
-        }
-        vdb = std::make_unique<df_vdb>();
-        df_status chosen = choose(*grids, path, grid, vdb->grid, err);
-        double index_origin[3];
-        if (chosen == DF_OK) chosen = read_transform(*vdb->grid, path, info->voxel_size, index_origin, err);
-        df_lattice &l = vdb->lattice;
-        if (chosen == DF_OK) chosen = find_box(*vdb->grid, path, vdb->first, l.voxel_count, err);
-        if (chosen != DF_OK) return chosen;
-        l.voxel_size = info->voxel_size[0];
-        l.brick_size = brick_size;
-        for (int a = 0; a < 3; a++) {
-            l.origin[a] = index_origin[a] + vdb->first[a] * info->voxel_size[a];
-            l.cell_count[a] = (l.voxel_count[a] + brick_size - 1) / brick_size;
-        }
-        if (!(vdb->grid->background() > 0))
-            return df_fail(err, DF_ERROR_INPUT, "%s: its background %g is not outside", path,
-                           double(vdb->grid->background()));
-        mark_cells(*vdb);
-        vdb->name = vdb->grid->getName();
-        info->grid = vdb->name.c_str();
-        info->lattice = l;
-        info->background = vdb->grid->background();
-        info->band = double(info->background) / info->voxel_size[0];
-        info->active_voxels = vdb->grid->activeVoxelCount();
-        info->half = vdb->grid->saveFloatAsHalf();
-        return DF_OK;
+        return try_reading(path, err);
     });
-    if (status == DF_OK) *out = vdb.release();
-    return status;
+    return tried == DF_OK ? df_vdb_read_trusted(path, grid, brick_size, out, info, err) : tried;
 }
 
 void df_vdb_free(df_vdb *vdb) { delete vdb; }
