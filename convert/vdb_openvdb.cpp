@@ -11,10 +11,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#ifdef DF_SANITIZED
-#include <sanitizer/allocator_interface.h>
-#endif
-
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -70,7 +66,13 @@ openvdb::GridPtrVecPtr read_grids(std::ifstream &file) {
 // first: what ends the child would have ended us, and what it cannot hold, no file of that size says.
 constexpr int too_much = 3;
 
-#ifdef DF_SANITIZED // it has reserved more addresses than a limit could allow: what is allocated is counted instead
+#ifdef DF_SANITIZED
+// in every sanitizer; gcc's come without the header
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*)(const volatile void *, size_t),
+                                                         void (*)(const volatile void *));
+extern "C" size_t __sanitizer_get_allocated_size(const volatile void *);
+
+// it has reserved more addresses than a limit could allow: what is allocated is counted instead
 std::int64_t bytes_left;
 
 void count_allocated(const volatile void *, size_t size) {
@@ -78,9 +80,7 @@ void count_allocated(const volatile void *, size_t size) {
     if (bytes_left < 0) _exit(too_much);
 }
 
-void count_freed(const volatile void *memory) {
-    bytes_left += std::int64_t(__sanitizer_get_allocated_size(const_cast<const void *>(memory)));
-}
+void count_freed(const volatile void *memory) { bytes_left += std::int64_t(__sanitizer_get_allocated_size(memory)); }
 
 void allow_more(std::int64_t bytes) {
     bytes_left = bytes;
@@ -196,6 +196,20 @@ df_status read_transform(const FloatGrid &grid, const char *path, double size[3]
     return DF_OK;
 }
 
+// OpenVDB adds to the coordinates of a file whatever they are: those that int cannot hold are refused first.
+df_status check_range(const FloatGrid &grid, const char *path, df_error *err) {
+    constexpr int most = 1 << 30;
+    for (auto it = grid.tree().root().cbeginChildAll(); it; ++it) {
+        const Coord at = it.getCoord();
+        for (int a = 0; a < 3; a++) {
+            if (at[a] < -most || at[a] > most)
+                return df_fail(err, DF_ERROR_INPUT, "%s: it has a voxel at %c = %d (-2^30 to 2^30 are possible)", path,
+                               "xyz"[a], at[a]);
+        }
+    }
+    return DF_OK;
+}
+
 // The box of a grid's samples: that of the field it was written from, where the active voxels still lie in it, or
 // theirs.
 df_status find_box(const FloatGrid &grid, const char *path, Coord &first, uint32_t voxel_count[3], df_error *err) {
@@ -280,6 +294,7 @@ df_status read_level_set(const char *path, const char *grid, uint32_t brick_size
     if (status == DF_OK) status = choose(*grids, path, grid, vdb.grid, err);
     if (status == DF_OK) status = read_transform(*vdb.grid, path, info->voxel_size, index_origin, err);
     df_lattice &l = vdb.lattice;
+    if (status == DF_OK) status = check_range(*vdb.grid, path, err);
     if (status == DF_OK) status = find_box(*vdb.grid, path, vdb.first, l.voxel_count, err);
     if (status != DF_OK) return status;
     l.voxel_size = info->voxel_size[0];
