@@ -21,7 +21,9 @@ def chart(folder, name, title, x_label, y_label, curves):
     marks = ", ".join(f'"{three_digits(x)}" {x}' for x in at)
     lines = [f"set xtics ({marks})", f"set xrange [{at[0] / 1.2}:{at[-1] * 1.2}]", f'set title "{title}"', f'set xlabel "{x_label}" offset 0,0.4', f'set ylabel "{y_label}"', "set logscale xy", "set grid", "set key outside bottom center horizontal maxcols 2", "set bmargin 6.5",
              "set style data linespoints"]
-    blocks = "".join(f"$d{i} << EOD\n" + "".join(f"{x} {y}\n" for x, y in points) + "EOD\n" for i, points in enumerate(curves.values()))
+    # a line ends where the next point stands above it: fields of one size
+    rows = lambda points: "".join("\n" * (i > 0 and x == points[i - 1][0]) + f"{x} {y}\n" for i, (x, y) in enumerate(points))
+    blocks = "".join(f"$d{i} << EOD\n" + rows(points) + "EOD\n" for i, points in enumerate(curves.values()))
     plots = ", ".join(f'$d{i} using 1:2 title "{NAMES.get(t, t)}" lw 2 pt 7 ps 0.8 lc rgb "{COLOURS.get(t, "#000000")}"' for i, t in enumerate(curves))
     for terminal, extension in ('svg size 420,360 font "sans-serif,13" background "#ffffff"', "svg"), ("pngcairo size 1260,1080 font 'sans,28'", "png"):
         path = os.path.join(folder, f"{name}.{extension}")
