@@ -204,7 +204,7 @@ df_status df_bench_print(FILE *out, const df_bench *bench, const df_report *repo
             bench->first_frame_ms);
     put_text(out, machine);
     fputc(',', out);
-    put_text(out, "gcc " __VERSION__);
+    put_text(out, DF_COMPILER);
     fputc(',', out);
     put_text(out, DF_BUILD_FLAGS);
     fputc(',', out);

@@ -133,7 +133,7 @@ df_status lab_row_write(lab_session *session, const lab_subject *s, const lab_ro
     at += print_times(results + at, size - (size_t)at, r);
     at += print_counts(session, results + at, size - (size_t)at, r);
     snprintf(results + at, size - (size_t)at, ",%.3g,%u,%s,%s", s->field_floor, LAB_SEED, session->machine,
-             "gcc " __VERSION__);
+             DF_COMPILER);
     return lab_table_add(&session->table, LAB_VERSION, key, results, session->err);
 }
 
