@@ -1,13 +1,12 @@
 // Level sets of other programs. df_vdb_read tries each file in a process of its own, because OpenVDB trusts what a file
 // says; starting it takes some hundred times as long as reading. So most inputs are tried by one process that goes on
-// for as long as they leave it alive, and what it survives is read here; every 256th is read as programs do.
+// for as long as they leave it alive, and what it survives is read here; every 1024th is read as programs do.
 #include "convert/vdb.h"
 #include "fuzz.h"
 
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
 
-#include <malloc.h>
 #include <pthread.h>
 #include <sys/mman.h>
 #include <sys/wait.h>
@@ -37,50 +36,48 @@ const char *__lsan_default_suppressions() { return "leak:readTopology\n"; } // l
 // While a file is read, operator new gives 2 MB at once: a damaged length asks for gigabytes, whose shadow a sanitizer
 // would write. And it knows the nodes of a tree: OpenVDB 10 forgets one whose children it cannot read; and from malloc,
 // their pages would be new ones each time, which is half of what reading costs.
-static constexpr std::size_t most_for_a_file = std::size_t(2) << 20, node_size = 30000;
+static constexpr std::size_t most_for_a_file = std::size_t(2) << 20;
 static std::size_t most = SIZE_MAX;
-static struct {
+using upper_node = openvdb::FloatTree::RootNodeType::ChildNodeType;
+static constexpr std::size_t node_sizes[] = {sizeof(upper_node), sizeof(upper_node::ChildNodeType)};
+
+struct node_list {
     void *blocks[256];
     unsigned count;
-} held, spare;
+};
+static node_list held[2], spare[2]; // by size
 
-static bool put(decltype(held) &list, void *block) {
+static bool put(node_list &list, void *block) {
     if (list.count == std::size(list.blocks)) return false;
     list.blocks[list.count++] = block;
     return true;
 }
 
-static void *take_spare(std::size_t size) {
-    for (unsigned i = spare.count; i-- > 0;) {
-        void *block = spare.blocks[i];
-        if (malloc_usable_size(block) != size) continue;
-        spare.blocks[i] = spare.blocks[--spare.count];
-        if (__asan_unpoison_memory_region) __asan_unpoison_memory_region(block, size);
-        return block;
-    }
-    return nullptr;
-}
-
 static void *allocate(std::size_t size) {
     if (size > most) return nullptr;
-    if (most != most_for_a_file || size < node_size) return std::malloc(size ? size : 1);
-    void *block = take_spare(size);
-    if (!block) block = std::malloc(size);
-    put(held, block);
-    return block;
+    for (unsigned kind = 0; most == most_for_a_file && kind < 2; kind++) {
+        if (size != node_sizes[kind]) continue;
+        void *block = spare[kind].count > 0 ? spare[kind].blocks[--spare[kind].count] : std::malloc(size);
+        if (block && __asan_unpoison_memory_region) __asan_unpoison_memory_region(block, size);
+        if (block) put(held[kind], block);
+        return block;
+    }
+    return std::malloc(size ? size : 1);
 }
 
-static void free_node(void *block) {
-    const std::size_t size = malloc_usable_size(block);
-    if (!put(spare, block)) std::free(block);
-    else if (__asan_poison_memory_region) __asan_poison_memory_region(block, size);
+static void free_node(unsigned kind, void *block) {
+    if (!put(spare[kind], block)) std::free(block);
+    else if (__asan_poison_memory_region) __asan_poison_memory_region(block, node_sizes[kind]);
 }
 
 static void release(void *block) {
-    for (unsigned i = held.count; i-- > 0;) {
-        if (held.blocks[i] != block) continue;
-        held.blocks[i] = held.blocks[--held.count];
-        return free_node(block);
+    for (unsigned kind = 0; kind < 2; kind++) {
+        node_list &list = held[kind];
+        for (unsigned i = list.count; i-- > 0;) {
+            if (list.blocks[i] != block) continue;
+            list.blocks[i] = list.blocks[--list.count];
+            return free_node(kind, block);
+        }
     }
     std::free(block);
 }
@@ -89,7 +86,9 @@ static void begin_file() { most = most_for_a_file; }
 
 static void end_file() {
     most = SIZE_MAX;
-    while (held.count > 0) free_node(held.blocks[--held.count]);
+    for (unsigned kind = 0; kind < 2; kind++) {
+        while (held[kind].count > 0) free_node(kind, held[kind].blocks[--held[kind].count]);
+    }
 }
 
 static void *allocate_or_throw(std::size_t size) {
@@ -193,7 +192,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const bool ready = prepare();
     static unsigned count;
     if (!ready || ftruncate(file, 0) != 0 || pwrite(file, data, size, 0) != ssize_t(size)) std::abort();
-    const bool whole = count++ % 256 == 0;
+    const bool whole = count++ % 1024 == 0;
     if (!whole && !survives()) return 0;
     df_vdb *vdb = nullptr;
     df_vdb_info info;
