@@ -1,6 +1,6 @@
 // Level sets of other programs. df_vdb_read tries each file in a process of its own, because OpenVDB trusts what a file
 // says; starting it takes some hundred times as long as reading. So most inputs are tried by one process that goes on
-// for as long as they leave it alive, and what it survives is read here; every 1024th is read as programs do.
+// for as long as they leave it alive, and what it survives is read here; the others are read as programs do.
 #include "convert/vdb.h"
 #include "fuzz.h"
 
@@ -32,6 +32,14 @@ const char *__lsan_default_suppressions() { return "leak:readTopology\n"; } // l
 }
 
 // ---- memory
+
+#ifdef FUZZ_AS_PROGRAMS // the thread sanitizer's operators cannot be replaced: each file has a process that limits
+                        // itself
+static constexpr unsigned as_programs_every = 1;
+static void begin_file() {}
+static void end_file() {}
+#else
+static constexpr unsigned as_programs_every = 1024;
 
 // While a file is read, operator new gives 2 MB at once: a damaged length asks for gigabytes, whose shadow a sanitizer
 // would write. And it knows the nodes of a tree: OpenVDB 10 forgets one whose children it cannot read; and from malloc,
@@ -104,6 +112,7 @@ void operator delete(void *memory) noexcept { release(memory); }
 void operator delete[](void *memory) noexcept { release(memory); }
 void operator delete(void *memory, std::size_t) noexcept { release(memory); }
 void operator delete[](void *memory, std::size_t) noexcept { release(memory); }
+#endif
 
 // ---- processes that try files
 
@@ -129,7 +138,8 @@ int ask[2], answer[2]; // pipes: a byte for each file, and one for each that say
 
 constexpr int no_more = 7; // exit: nobody asks
 
-// Tries files until one ends it, or so many that what OpenVDB forgets adds up.
+// Tries files, as the first process of df_vdb_read does, until one ends it, or so many that what OpenVDB forgets adds
+// up.
 [[noreturn]] void try_files() {
     char byte = 1;
     for (int i = 0; i < 10000; i++) {
@@ -192,13 +202,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const bool ready = prepare();
     static unsigned count;
     if (!ready || ftruncate(file, 0) != 0 || pwrite(file, data, size, 0) != ssize_t(size)) std::abort();
-    const bool whole = count++ % 1024 == 0;
-    if (!whole && !survives()) return 0;
+    const bool as_programs = count++ % as_programs_every == 0;
+    if (!as_programs && !survives()) return 0;
     df_vdb *vdb = nullptr;
     df_vdb_info info;
     df_error err = {};
     begin_file();
-    const df_status status = (whole ? df_vdb_read : df_vdb_read_trusted)(path, nullptr, 8, &vdb, &info, &err);
+    const df_status status = (as_programs ? df_vdb_read : df_vdb_read_trusted)(path, nullptr, 8, &vdb, &info, &err);
     if (status != DF_OK && !err.text[0]) std::abort(); // refused without a reason
     if (vdb) df_vdb_free(vdb);
     end_file();
