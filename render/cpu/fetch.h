@@ -121,14 +121,22 @@ static inline bool df_fetch_faces(const df_scene *scene, const uint32_t voxel[3]
         if (voxel[a] < 1 || voxel[a] + 2 > scene->voxel_count[a]) return false;
         faces[2 * a] = (df_fetch_face){f->corner - stride[a], step};
         faces[2 * a + 1] = (df_fetch_face){f->corner + 2 * stride[a], step};
-        if (!bricks || ((voxel[a] + 1) & mask) > 1) continue;
-        /* at a border of the brick: in the next one, counted from its own side */
-        const bool after = voxel[a] & mask;
-        const uint32_t own = scene->block_cells[block], other = scene->coarse[after ? own + cells[a] : own - cells[a]];
+    }
+    if (!bricks) return true;
+    const uint32_t own = scene->block_cells[block];
+    for (int a = 0; a < 3; a++) { /* without branches: which voxels are at a border of their brick is hard to predict */
+        const uint32_t within = voxel[a] & mask;
+        const size_t before = -(size_t)(within == 0), after = -(size_t)(within == mask); /* all bits set where true */
+        const uint32_t other = scene->coarse[own + ((uint32_t)after & cells[a]) - ((uint32_t)before & cells[a])];
         if (other >= DF_CELL_INSIDE) return false;
-        const size_t there = f->corner + ((size_t)other - block) * samples;
-        faces[2 * a + after] = (df_fetch_face){after ? there - (k - 2) * stride[a] : there + (k - 1) * stride[a],
-                                               df_fetch_step(scene->field, other, type)};
+        /* in the next brick, or by 0 in the own, and counted from the next one's side */
+        const size_t away = ((size_t)other - block) * samples, across = k * stride[a];
+        const float there = df_fetch_step(scene->field, other, type);
+        faces[2 * a].at += before & (away + across);
+        faces[2 * a + 1].at += after & (away - across);
+        if (type == DF_SAMPLE_F32) continue;
+        faces[2 * a].step = before ? there : step;
+        faces[2 * a + 1].step = after ? there : step;
     }
     return true;
 }
@@ -146,48 +154,95 @@ static inline int df_fetch_place(int i) {
     return DF_STENCIL(i & 1, beyond[(i - 16) >> 1][0], beyond[(i - 16) >> 1][1]);
 }
 
-/* df_scene_stencil as 32 numbers: DF_REACH_FACES, without `beyond` DF_REACH_CELL. */
-static inline void df_fetch_stencil(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond,
-                                    float out[DF_FETCH_STENCIL], df_sample_type type) {
-    const df_field *field = scene->field;
-    const df_fetch f = df_fetch_corner(scene, voxel, block);
-    const float step = df_fetch_step(field, block, type);
+/* The way to the stencil of a voxel: found first, so that memory can be asked for what lies there before it is needed.
+ */
+typedef struct df_fetch_way {
+    uint32_t voxel[3], block;
+    df_fetch corner;
+    float step;
+    bool known; /* the faces are, which is where the samples beyond them lie */
     df_fetch_face faces[6];
-    const bool known = beyond && df_fetch_faces(scene, voxel, block, &f, step, faces, type);
-    const bool whole_rows = known && faces[0].at + 1 == f.corner && faces[1].at == f.corner + 2;
+} df_fetch_way;
+
+/* Samples i and i + 1 along x, as df_fetch_place orders them: first of the 4 rows through the corners, ... */
+static inline size_t df_fetch_corner_row(const df_fetch *f, int i) {
+    return f->corner + (i & 1 ? f->row : 0) + (i & 2 ? f->slice : 0);
+}
+
+/* ... then of the 8 pairs beyond the faces along y and z. */
+static inline size_t df_fetch_face_row(const df_fetch_way *way, int i) {
+    return way->faces[2 + (i >> 1)].at + (i & 1 ? (i < 4 ? way->corner.slice : way->corner.row) : 0);
+}
+
+/* `beyond`: as for df_fetch_stencil. */
+static inline void df_fetch_find(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond,
+                                 df_fetch_way *way, df_sample_type type) {
+    const char *samples = (const char *)scene->field->samples;
+    const size_t size = df_sample_size(type);
+    for (int a = 0; a < 3; a++) way->voxel[a] = voxel[a];
+    way->block = block;
+    way->corner = df_fetch_corner(scene, voxel, block);
+    way->step = df_fetch_step(scene->field, block, type);
+    way->known = beyond && df_fetch_faces(scene, voxel, block, &way->corner, way->step, way->faces, type);
+    for (int i = 0; i < 4; i++) __builtin_prefetch(samples + df_fetch_corner_row(&way->corner, i) * size);
+    for (int i = 0; i < 8 && way->known; i++) __builtin_prefetch(samples + df_fetch_face_row(way, i) * size);
+}
+
+/* df_scene_stencil as 32 numbers: DF_REACH_FACES, without `beyond` DF_REACH_CELL. */
+static inline void df_fetch_stencil(const df_scene *scene, const df_fetch_way *way, bool beyond,
+                                    float out[DF_FETCH_STENCIL], df_sample_type type) {
+    const void *samples = scene->field->samples;
+    const df_fetch *f = &way->corner;
+    const df_fetch_face *faces = way->faces;
+    const bool whole_rows = way->known && faces[0].at + 1 == f->corner && faces[1].at == f->corner + 2;
     for (int i = 0; i < 4; i++) {
-        const size_t row = f.corner + (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        if (whole_rows) df_fetch_row(field->samples, row - 1, step, 4, out + 4 * i, type);
-        else df_fetch_row(field->samples, row, step, 2, out + 4 * i + 1, type);
+        const size_t row = df_fetch_corner_row(f, i);
+        if (whole_rows) df_fetch_row(samples, row - 1, way->step, 4, out + 4 * i, type);
+        else df_fetch_row(samples, row, way->step, 2, out + 4 * i + 1, type);
     }
     if (!beyond) return;
-    if (!known) {
+    if (!way->known) {
         float stencil[64];
-        df_scene_stencil(scene, voxel, block, DF_REACH_FACES, stencil, 1);
+        df_scene_stencil(scene, way->voxel, way->block, DF_REACH_FACES, stencil, 1);
         for (int i = 0; i < DF_FETCH_STENCIL; i++) out[i] = stencil[df_fetch_place(i)];
         return;
     }
     for (int i = 0; i < 4 && !whole_rows; i++) {
-        const size_t away = (i & 1 ? f.row : 0) + (i & 2 ? f.slice : 0);
-        df_fetch_row(field->samples, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
-        df_fetch_row(field->samples, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);
+        const size_t away = df_fetch_corner_row(f, i) - f->corner;
+        df_fetch_row(samples, faces[0].at + away, faces[0].step, 1, out + 4 * i, type);
+        df_fetch_row(samples, faces[1].at + away, faces[1].step, 1, out + 4 * i + 3, type);
     }
-    for (int i = 0; i < 8; i++) {
-        const df_fetch_face *face = &faces[2 + (i >> 1)];
-        df_fetch_row(field->samples, face->at + (i & 1 ? (i < 4 ? f.slice : f.row) : 0), face->step, 2,
-                     out + 16 + 2 * i, type);
-    }
+    for (int i = 0; i < 8; i++)
+        df_fetch_row(samples, df_fetch_face_row(way, i), faces[2 + (i >> 1)].step, 2, out + 16 + 2 * i, type);
 }
 
-/* df_fetch_stencil for a leaf, 8 * family + child; false where it is not known. */
-static inline bool df_fetch_leaf(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf, bool beyond,
-                                 float out[DF_FETCH_STENCIL]) {
-    const uint32_t family = leaf >> 3, x = leaf & 1, y = leaf >> 1 & 1, z = leaf >> 2 & 1;
+/* The same for a leaf, 8 * family + child, whose stencil is kept. */
+typedef struct df_fetch_leaf_way {
+    uint32_t child;
+    const float *own;        /* its family's 3x3x3 samples */
+    const float (*outer)[4]; /* beyond the faces that are not inside the family; not a number where not known */
+} df_fetch_leaf_way;
+
+/* Returns whether it is kept. */
+static inline bool df_fetch_find_leaf(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf,
+                                      df_fetch_leaf_way *way) {
+    const uint32_t family = leaf >> 3;
     if (df_family_state(&field->families[family], leaf & 7) != DF_CHILD_SURFACE) return false;
-    const float(*outer)[4] = stencils->outer[df_leaf_stencil_number(stencils, field, leaf)];
+    way->child = leaf & 7;
+    way->own = stencils->samples[family];
+    way->outer = stencils->outer[df_leaf_stencil_number(stencils, field, leaf)];
+    __builtin_prefetch(way->own);
+    __builtin_prefetch(way->own + 16);
+    __builtin_prefetch(way->outer);
+    return true;
+}
+
+/* df_fetch_stencil for a leaf; false where it is not known. */
+static inline bool df_fetch_leaf(const df_fetch_leaf_way *way, bool beyond, float out[DF_FETCH_STENCIL]) {
+    const uint32_t x = way->child & 1, y = way->child >> 1 & 1, z = way->child >> 2 & 1;
+    const float *own = way->own, (*outer)[4] = way->outer;
     if (outer[0][0] != outer[0][0]) return false;
     /* Of the family's 3x3x3 samples a leaf's corners are 2x2x2; the third layers lie beyond its inner faces. */
-    const float *own = stencils->samples[family];
     for (uint32_t i = 0; i < 4; i++) {
         memcpy(out + 4 * i + 1 - x, own + 3 * (y + (i & 1)) + 9 * (z + (i >> 1)), 3 * sizeof *own);
         out[4 * i + 3 * x] = outer[0][i];

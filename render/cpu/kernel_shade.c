@@ -14,6 +14,10 @@ typedef struct stencils {
     uint64_t voxel[KEPT];  /* x + 2^16 y + 2^32 z + 2^48 log2 of a leaf's size; all bits set: none */
     uint32_t needed[KEPT]; /* the vector of hits that wants it last: it stays as long */
     float kept[KEPT][DF_FETCH_STENCIL];
+    float *to[DF_LANES]; /* of the vector found last: where what is fetched goes, NULL where it is there already */
+    df_fetch_way ways[DF_LANES];
+    df_fetch_leaf_way leaf_ways[DF_LANES]; /* where is_kept */
+    bool is_kept[DF_LANES];
 } stencils;
 
 /* Where the stencil of hit `first` + i of a vector goes, that of the voxel or leaf `key`; NULL where it is there
@@ -27,13 +31,21 @@ static inline float *place_stencil(stencils *in, uint32_t i, uint32_t first, uin
     return keep ? in->kept[slot] : in->of[i];
 }
 
-static inline void fetch_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes,
-                                  bool beyond, stencils *in, df_sample_type type) {
-    for (uint32_t i = 0; i < lanes; i++) {
+/* Where the stencils of the vector of hits from `first` on lie. */
+static inline void find_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, bool beyond, stencils *in,
+                                 df_sample_type type) {
+    for (uint32_t i = 0; i < DF_LANES && first + i < hits->count; i++) {
         const uint32_t voxel[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         const uint64_t key = voxel[0] | (uint64_t)voxel[1] << 16 | (uint64_t)voxel[2] << 32;
-        float *samples = place_stencil(in, i, first, key, (voxel[0] + 5 * voxel[1] + 25 * voxel[2]) % KEPT);
-        if (samples) df_fetch_stencil(scene, voxel, hits->block[first + i], beyond, samples, type);
+        in->to[i] = place_stencil(in, i, first, key, (voxel[0] + 5 * voxel[1] + 25 * voxel[2]) % KEPT);
+        if (in->to[i]) df_fetch_find(scene, voxel, hits->block[first + i], beyond, &in->ways[i], type);
+    }
+}
+
+static inline void fetch_stencils(const df_scene *scene, uint32_t lanes, bool beyond, const stencils *in,
+                                  df_sample_type type) {
+    for (uint32_t i = 0; i < lanes; i++) {
+        if (in->to[i]) df_fetch_stencil(scene, &in->ways[i], beyond, in->to[i], type);
     }
 }
 
@@ -45,19 +57,27 @@ static void find_leaf_stencil(const df_scene *scene, const uint32_t corner[3], u
     for (int n = 0; n < DF_FETCH_STENCIL; n++) samples[n] = stencil[df_fetch_place(n)];
 }
 
-static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
-                                stencils *in) {
-    for (uint32_t i = 0; i < lanes; i++) {
+static void find_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, stencils *in) {
+    for (uint32_t i = 0; i < DF_LANES && first + i < hits->count; i++) {
         const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
-        /* the size scales the gradient, which the normal does not feel */
-        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT, leaf = hits->block[first + i];
+        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
         const uint64_t key =
             corner[0] | (uint64_t)corner[1] << 16 | (uint64_t)corner[2] << 32 | (uint64_t)size_log2 << 48;
         const uint32_t slot = ((corner[0] >> size_log2) + 5 * (corner[1] >> size_log2) + 25 * (corner[2] >> size_log2));
-        float *samples = place_stencil(in, i, first, key, slot % KEPT);
-        if (!samples) continue;
-        if (!hits->stencils || !df_fetch_leaf(hits->stencils, scene->field, leaf, beyond, samples))
-            find_leaf_stencil(scene, corner, leaf, size_log2, beyond, samples);
+        in->to[i] = place_stencil(in, i, first, key, slot % KEPT);
+        in->is_kept[i] = in->to[i] && hits->stencils &&
+                         df_fetch_find_leaf(hits->stencils, scene->field, hits->block[first + i], &in->leaf_ways[i]);
+    }
+}
+
+static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
+                                const stencils *in) {
+    for (uint32_t i = 0; i < lanes; i++) {
+        if (!in->to[i] || (in->is_kept[i] && df_fetch_leaf(&in->leaf_ways[i], beyond, in->to[i]))) continue;
+        const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
+        /* the size scales the gradient, which the normal does not feel */
+        const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
+        find_leaf_stencil(scene, corner, hits->block[first + i], size_log2, beyond, in->to[i]);
     }
 }
 
@@ -98,13 +118,23 @@ static void inverse_steps(const df_shade_job *job, const df_hits *hits, uint32_t
 static void field_gradients(const df_shade_job *job, const df_hits *hits, uint32_t first, uint32_t lanes, stencils *in,
                             lf gradient[3]) {
     const df_scene *scene = job->scene;
+    const df_sample_type type = scene->field->sample_type;
     const int reach = df_gradient_reach(job->gradient);
     const bool beyond = reach == DF_REACH_FACES;
     lf stencil[64], local[3], inverse_step[3] = {lf_set(1), lf_set(1), lf_set(1)};
-    if (reach == DF_REACH_ALL) fetch_whole_stencils(scene, hits, first, lanes, stencil);
-    else if (scene->levels == 0) fetch_leaf_stencils(scene, hits, first, lanes, beyond, in);
-    else DF_FETCH_BY_TYPE(scene->field->sample_type, fetch_stencils, scene, hits, first, lanes, beyond, in);
-    if (reach != DF_REACH_ALL) transpose_stencils(in, stencil);
+    if (reach == DF_REACH_ALL) {
+        fetch_whole_stencils(scene, hits, first, lanes, stencil);
+    } else if (scene->levels == 0) { /* those of the next hits are on their way while these are shaded */
+        if (first == 0) find_leaf_stencils(scene, hits, 0, in);
+        fetch_leaf_stencils(scene, hits, first, lanes, beyond, in);
+        transpose_stencils(in, stencil);
+        find_leaf_stencils(scene, hits, first + DF_LANES, in);
+    } else {
+        if (first == 0) DF_FETCH_BY_TYPE(type, find_stencils, scene, hits, 0, beyond, in);
+        DF_FETCH_BY_TYPE(type, fetch_stencils, scene, lanes, beyond, in);
+        transpose_stencils(in, stencil);
+        DF_FETCH_BY_TYPE(type, find_stencils, scene, hits, first + DF_LANES, beyond, in);
+    }
     if (job->gradient == DF_GRADIENT_CREASE) inverse_steps(job, hits, first, lanes, inverse_step);
     for (int a = 0; a < 3; a++) local[a] = lf_load(hits->local[a] + first);
     df_gradient(job->gradient, stencil, local, inverse_step, gradient);
