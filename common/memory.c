@@ -6,8 +6,8 @@
 #include <sys/mman.h>
 
 /* From here on memory is asked for in huge pages: fields are read at random, and the processor's own list of pages ends
- * at a few MB. */
-#define HUGE_FROM (4ull << 20)
+ * at a few MB; and each page costs time when it is first touched. */
+#define HUGE_FROM (1ull << 20)
 #define HUGE_PAGE (2ull << 20)
 
 df_status df_alloc_raw(void **out, uint64_t count, size_t size, const char *what, df_error *err) {
