@@ -154,27 +154,26 @@ static inline int df_fetch_place(int i) {
     return DF_STENCIL(i & 1, beyond[(i - 16) >> 1][0], beyond[(i - 16) >> 1][1]);
 }
 
-/* The way to the stencil of a voxel: found first, so that memory can be asked for what lies there before it is needed.
- */
+/* Where the stencil of a voxel lies: found first, so that memory can be asked for it before it is needed. */
 typedef struct df_fetch_way {
     uint32_t voxel[3], block;
     df_fetch corner;
     float step;
-    bool known; /* the faces are, which is where the samples beyond them lie */
+    bool known; /* whether the faces are */
     df_fetch_face faces[6];
 } df_fetch_way;
 
-/* Samples i and i + 1 along x, as df_fetch_place orders them: first of the 4 rows through the corners, ... */
+/* Where row i of the 4 through the corners begins, at the corner; ... */
 static inline size_t df_fetch_corner_row(const df_fetch *f, int i) {
     return f->corner + (i & 1 ? f->row : 0) + (i & 2 ? f->slice : 0);
 }
 
-/* ... then of the 8 pairs beyond the faces along y and z. */
+/* ... and pair i of the 8 beyond the faces along y and z. */
 static inline size_t df_fetch_face_row(const df_fetch_way *way, int i) {
     return way->faces[2 + (i >> 1)].at + (i & 1 ? (i < 4 ? way->corner.slice : way->corner.row) : 0);
 }
 
-/* `beyond`: as for df_fetch_stencil. */
+/* Finds it, and asks memory for it. `beyond`: as for df_fetch_stencil. */
 static inline void df_fetch_find(const df_scene *scene, const uint32_t voxel[3], uint32_t block, bool beyond,
                                  df_fetch_way *way, df_sample_type type) {
     const char *samples = (const char *)scene->field->samples;
@@ -216,32 +215,33 @@ static inline void df_fetch_stencil(const df_scene *scene, const df_fetch_way *w
         df_fetch_row(samples, df_fetch_face_row(way, i), faces[2 + (i >> 1)].step, 2, out + 16 + 2 * i, type);
 }
 
-/* The same for a leaf, 8 * family + child, whose stencil is kept. */
+/* Where the stencil of a leaf lies. */
 typedef struct df_fetch_leaf_way {
+    bool known; /* whether it is kept */
     uint32_t child;
     const float *own;        /* its family's 3x3x3 samples */
     const float (*outer)[4]; /* beyond the faces that are not inside the family; not a number where not known */
 } df_fetch_leaf_way;
 
-/* Returns whether it is kept. */
-static inline bool df_fetch_find_leaf(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf,
+/* Finds it, and asks memory for it. leaf: 8 * family + child; stencils: NULL where none are kept. */
+static inline void df_fetch_find_leaf(const df_leaf_stencils *stencils, const df_field *field, uint32_t leaf,
                                       df_fetch_leaf_way *way) {
     const uint32_t family = leaf >> 3;
-    if (df_family_state(&field->families[family], leaf & 7) != DF_CHILD_SURFACE) return false;
+    way->known = stencils && df_family_state(&field->families[family], leaf & 7) == DF_CHILD_SURFACE;
+    if (!way->known) return;
     way->child = leaf & 7;
     way->own = stencils->samples[family];
     way->outer = stencils->outer[df_leaf_stencil_number(stencils, field, leaf)];
     __builtin_prefetch(way->own);
     __builtin_prefetch(way->own + 16);
     __builtin_prefetch(way->outer);
-    return true;
 }
 
 /* df_fetch_stencil for a leaf; false where it is not known. */
 static inline bool df_fetch_leaf(const df_fetch_leaf_way *way, bool beyond, float out[DF_FETCH_STENCIL]) {
+    if (!way->known || way->outer[0][0] != way->outer[0][0]) return false;
     const uint32_t x = way->child & 1, y = way->child >> 1 & 1, z = way->child >> 2 & 1;
     const float *own = way->own, (*outer)[4] = way->outer;
-    if (outer[0][0] != outer[0][0]) return false;
     /* Of the family's 3x3x3 samples a leaf's corners are 2x2x2; the third layers lie beyond its inner faces. */
     for (uint32_t i = 0; i < 4; i++) {
         memcpy(out + 4 * i + 1 - x, own + 3 * (y + (i & 1)) + 9 * (z + (i >> 1)), 3 * sizeof *own);

@@ -16,8 +16,7 @@ typedef struct stencils {
     float kept[KEPT][DF_FETCH_STENCIL];
     float *to[DF_LANES]; /* of the vector found last: where what is fetched goes, NULL where it is there already */
     df_fetch_way ways[DF_LANES];
-    df_fetch_leaf_way leaf_ways[DF_LANES]; /* where is_kept */
-    bool is_kept[DF_LANES];
+    df_fetch_leaf_way leaf_ways[DF_LANES];
 } stencils;
 
 /* Where the stencil of hit `first` + i of a vector goes, that of the voxel or leaf `key`; NULL where it is there
@@ -65,15 +64,14 @@ static void find_leaf_stencils(const df_scene *scene, const df_hits *hits, uint3
             corner[0] | (uint64_t)corner[1] << 16 | (uint64_t)corner[2] << 32 | (uint64_t)size_log2 << 48;
         const uint32_t slot = ((corner[0] >> size_log2) + 5 * (corner[1] >> size_log2) + 25 * (corner[2] >> size_log2));
         in->to[i] = place_stencil(in, i, first, key, slot % KEPT);
-        in->is_kept[i] = in->to[i] && hits->stencils &&
-                         df_fetch_find_leaf(hits->stencils, scene->field, hits->block[first + i], &in->leaf_ways[i]);
+        if (in->to[i]) df_fetch_find_leaf(hits->stencils, scene->field, hits->block[first + i], &in->leaf_ways[i]);
     }
 }
 
 static void fetch_leaf_stencils(const df_scene *scene, const df_hits *hits, uint32_t first, uint32_t lanes, bool beyond,
                                 const stencils *in) {
     for (uint32_t i = 0; i < lanes; i++) {
-        if (!in->to[i] || (in->is_kept[i] && df_fetch_leaf(&in->leaf_ways[i], beyond, in->to[i]))) continue;
+        if (!in->to[i] || df_fetch_leaf(&in->leaf_ways[i], beyond, in->to[i])) continue;
         const uint32_t corner[3] = {hits->cell[0][first + i], hits->cell[1][first + i], hits->cell[2][first + i]};
         /* the size scales the gradient, which the normal does not feel */
         const uint32_t size_log2 = hits->flags[first + i] >> DF_HIT_SIZE_SHIFT;
